@@ -1,0 +1,1 @@
+"""Reading photos, reading and writing HDR files."""

@@ -1,0 +1,1 @@
+"""Simulated cameras and scenes with exact ground truth."""
