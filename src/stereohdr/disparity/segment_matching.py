@@ -1,0 +1,84 @@
+"""The paper's disparity estimation from end to end, strip by strip (section 2.2)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereohdr.config import AggregationConfig, CandidateConfig, CensusConfig
+from stereohdr.disparity.aggregation import aggregate_in_segments, winner_takes_all
+from stereohdr.disparity.candidates import select_candidates
+from stereohdr.disparity.census import census_transform, similarity_volume
+from stereohdr.model import Disparity, DisparityFlag
+from stereohdr.strips import run_strips
+
+STRIP_ROWS = 48
+"""Rows matched at a time: bounds the memory of the similarity volume."""
+
+
+def estimate_disparity(
+    auxiliary: NDArray[np.float32],
+    main: NDArray[np.float32],
+    segments: NDArray[np.int32],
+    interest: NDArray[np.bool_],
+    *,
+    max_disparity: int,
+    census: CensusConfig | None = None,
+    candidates: CandidateConfig | None = None,
+    aggregation: AggregationConfig | None = None,
+    threads: int | None = None,
+) -> Disparity:
+    """Estimate the disparity D_a of the auxiliary view inside the interest region.
+
+    Parameters
+    ----------
+    auxiliary, main
+        ``(H, W)`` float32 luminance of the initial radiance of both views.
+    segments
+        ``(H, W)`` int32, segments G_a of the auxiliary view.
+    interest
+        ``(H, W)`` bool, auxiliary pixels that need a disparity.
+    max_disparity
+        d_max, pixels.
+    census, candidates, aggregation
+        Parameters of the steps.
+    threads
+        Threads to use; does not change the result.
+
+    Returns
+    -------
+    Integer disparities in the auxiliary view, ``x_main = x_auxiliary + d``. Exactly the steps
+    `census_transform`, `similarity_volume`, `select_candidates`, `aggregate_in_segments` and
+    `winner_takes_all` on the whole image, computed in strips with enough rows around them.
+    """
+    census = census or CensusConfig()
+    candidates = candidates or CandidateConfig()
+    aggregation = aggregation or AggregationConfig()
+    codes_auxiliary = census_transform(auxiliary, config=census, threads=threads)
+    codes_main = census_transform(main, config=census, threads=threads)
+    height, width = interest.shape
+    margin = max(aggregation.radius, candidates.box // 2)
+    winner = np.full((height, width), -1, dtype=np.int16)
+
+    def task(start: int, stop: int) -> None:
+        wanted = interest[start:stop]
+        if not wanted.any():
+            return
+        top, bottom = max(0, start - margin), min(height, stop + margin)
+        similarity = similarity_volume(
+            codes_auxiliary, codes_main, max_disparity=max_disparity, rows=(top, bottom), config=census
+        )
+        found = select_candidates(similarity, wanted, first_row=start - top, config=candidates)
+        scores = aggregate_in_segments(
+            similarity,
+            segments,
+            found,
+            first_image_row=start,
+            first_row=start - top,
+            config=aggregation,
+        )
+        winner[start:stop] = winner_takes_all(scores, found)
+
+    run_strips(task, height, strip_rows=STRIP_ROWS, threads=threads)
+    flags = np.where(winner >= 0, DisparityFlag.MATCHED, DisparityFlag.NOT_COMPUTED).astype(np.uint8)
+    return Disparity(np.maximum(winner, 0).astype(np.float32), flags)

@@ -1,0 +1,90 @@
+"""The methods by name. Each is one short file that composes stages.
+
+Another package adds a method through the entry point group ``stereohdr.methods``: the entry point names a
+`Method`.
+"""
+
+from __future__ import annotations
+
+import importlib
+from dataclasses import dataclass
+from importlib.metadata import entry_points
+from typing import Protocol
+
+from stereohdr.config import FuseConfig, PaperConfig
+from stereohdr.errors import ConfigError
+from stereohdr.model import HdrResult, ResponseCurve, StereoPair
+from stereohdr.stage_log import StageLog
+
+ENTRY_POINT_GROUP = "stereohdr.methods"
+
+
+class MethodFunction(Protocol):
+    """Fuse a checked pair whose main view is the left one."""
+
+    def __call__(
+        self,
+        pair: StereoPair,
+        config: FuseConfig,
+        /,
+        *,
+        response: ResponseCurve | None,
+        log: StageLog,
+        threads: int | None,
+    ) -> HdrResult:
+        """Return the result without versions, timings and warnings, which `stereohdr.fuse` adds."""
+        ...
+
+
+@dataclass(frozen=True)
+class Method:
+    """A way to fuse a pair."""
+
+    name: str
+    """What ``--method`` and ``fuse(method=...)`` call it."""
+    summary: str
+    """One line for help texts."""
+    config_type: type[FuseConfig]
+    """Its configuration dataclass."""
+    function: str
+    """Where the code is, ``"module:function"``; loaded when the method is used."""
+
+    def load(self) -> MethodFunction:
+        """Import and return the function."""
+        module, _, name = self.function.partition(":")
+        return getattr(importlib.import_module(module), name)
+
+
+BUILT_IN = {
+    method.name: method
+    for method in (
+        Method(
+            "paper",
+            "Park et al., Sensors 2017, to the letter",
+            PaperConfig,
+            "stereohdr.methods.paper:fuse_paper",
+        ),
+    )
+}
+
+
+def available_methods() -> tuple[str, ...]:
+    """Return the names of all methods, built in first."""
+    added = sorted(entry.name for entry in entry_points(group=ENTRY_POINT_GROUP))
+    return (*BUILT_IN, *(name for name in added if name not in BUILT_IN))
+
+
+def get_method(name: str) -> Method:
+    """Return the method of this name.
+
+    Raises
+    ------
+    ConfigError
+        There is none; the message lists what there is.
+    """
+    if name in BUILT_IN:
+        return BUILT_IN[name]
+    for entry in entry_points(group=ENTRY_POINT_GROUP):
+        if entry.name == name:
+            return entry.load()
+    raise ConfigError(f"unknown method {name!r}; known are {', '.join(available_methods())}")

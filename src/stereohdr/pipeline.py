@@ -1,0 +1,130 @@
+"""`fuse`: checks the input, runs the method, and collects what a user needs to trust the result."""
+
+from __future__ import annotations
+
+import platform
+import warnings
+from dataclasses import replace
+from importlib.metadata import version
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stereohdr import __version__
+from stereohdr.checks import check_exposure_order, unusable_view
+from stereohdr.errors import ConfigError, ResponseError, StereoHdrError, StereoHdrWarning
+from stereohdr.methods import get_method
+from stereohdr.stage_log import Progress, StageLog
+
+if TYPE_CHECKING:
+    from stereohdr.config import FuseConfig
+    from stereohdr.model import HdrResult, ResponseCurve, StereoPair
+
+DEFAULT_METHOD = "paper"
+
+
+def fuse(
+    pair: StereoPair,
+    method: str = DEFAULT_METHOD,
+    config: FuseConfig | None = None,
+    *,
+    response: ResponseCurve | None = None,
+    keep_stages: bool = False,
+    threads: int | None = None,
+    progress: Progress | None = None,
+) -> HdrResult:
+    """Make an HDR image from a rectified stereo pair at two exposures.
+
+    Parameters
+    ----------
+    pair
+        Two photos ``(H, W, C)`` with their exposure times; says which view the result is made in.
+    method
+        Name of a method, see `stereohdr.methods.available_methods`.
+    config
+        The method's configuration; its defaults when None.
+    response
+        Known inverse response of the camera; estimated from the pair when None.
+    keep_stages
+        Keep every intermediate array in `HdrResult.stages`.
+    threads
+        Threads to use, all available by default. The result does not depend on it.
+    progress
+        Called with the name of each stage as it starts.
+
+    Returns
+    -------
+    The radiance of the main view with everything that explains it. When one view is under- or over-exposed
+    throughout, the main view's own radiance, flagged, with a warning.
+
+    Raises
+    ------
+    ExposureError
+        The exposure times contradict the brightness of the photos.
+    ConfigError
+        Unknown method, or a configuration that does not fit the pair.
+    ResponseError
+        `response` has another channel count, or none is given and the pair does not determine one.
+
+    Warns
+    -----
+    StereoHdrWarning
+        For each sentence in `HdrResult.warnings`.
+
+    Examples
+    --------
+    >>> from stereohdr import StereoPair, fuse
+    >>> from stereohdr.simulation import Camera, expose_pair, room
+    >>> scene = room(width=64, height=48)
+    >>> pair = expose_pair(scene.radiance_left, scene.radiance_right, (0.01, 0.16), Camera(), seed=1)
+    >>> fuse(pair).radiance.shape
+    (48, 64, 3)
+    """
+    chosen = get_method(method)
+    config = chosen.config_type() if config is None else config
+    if not isinstance(config, chosen.config_type):
+        raise ConfigError(
+            f"method {method!r} takes a {chosen.config_type.__name__}, got a {type(config).__name__}"
+        )
+    config.search_range(pair.main_photo.width)
+    if response is not None and response.channels != pair.main_photo.channels:
+        raise ResponseError(
+            f"the response curve has {response.channels} channel(s), the photos have "
+            f"{pair.main_photo.channels}; give a response of the same camera and mode"
+        )
+
+    log = StageLog(progress=progress, keep_arrays=keep_stages)
+    problem = unusable_view(pair)
+    if problem is None:
+        check_exposure_order(pair)
+        run = chosen.load()
+    else:
+        from stereohdr.methods.main_view import keep_main_view as run
+
+        log.warn(f"{problem}; the result is the main view's own radiance")
+
+    left = pair if pair.main == "left" else pair.mirrored()
+    result = run(left, config, response=response, log=log, threads=threads)
+    result = replace(
+        result,
+        method=method,
+        config=config,
+        seconds=log.seconds,
+        stages=log.arrays,
+        warnings=(*result.warnings, *log.warnings),
+        versions=_versions(),
+        exposures=pair.exposures,
+        main="left",
+    )
+    if pair.main == "right":
+        result = result.mirrored()
+    if not np.isfinite(result.radiance).all():
+        raise StereoHdrError("internal error: the result holds values that are not finite; please report it")
+    for sentence in result.warnings:
+        warnings.warn(sentence, StereoHdrWarning, stacklevel=2)
+    return result
+
+
+def _versions() -> dict[str, str]:
+    packages = {name: version(name) for name in ("numpy", "scipy", "numba")}
+    return {"stereohdr": __version__, "python": platform.python_version(), **packages}
