@@ -43,10 +43,13 @@ def lattice_paths(cost, pitch, tolerance):
                 following[k] = best + cost[y, x]
                 step[y, k] = move
             total, following = following, total
-        k = 0
-        for j in range(1, band):
-            if total[j] < total[k]:
-                k = j
+        # Of equally cheap ends the one nearest the nominal line, so that flat areas keep a straight lattice.
+        k = tolerance
+        for j in range(1, tolerance + 1):
+            if total[tolerance - j] < total[k]:
+                k = tolerance - j
+            if total[tolerance + j] < total[k]:
+                k = tolerance + j
         for y in range(height - 1, -1, -1):
             columns[i, y] = first + k
             k += step[y, k] if y > 0 else 0
