@@ -1,0 +1,92 @@
+import dataclasses
+
+import pytest
+
+from stereohdr import PaperConfig
+from stereohdr.config import AggregationConfig, config_from_mapping, load_config
+from stereohdr.errors import ConfigError
+
+
+def test_defaults_are_section_3_1_of_the_paper():
+    c = PaperConfig()
+    assert (c.exposure_map.under_threshold, c.exposure_map.over_threshold) == (5, 250)
+    assert (c.lattice.pitch, c.lattice.tolerance) == (6, 4)
+    assert c.merging.scale == 150
+    assert c.merging.minimum_size == 1
+    assert (c.census.window, c.census.threshold) == (7, 0.08)
+    assert c.candidates.share == 0.1
+    assert (c.aggregation.sigma, c.aggregation.radius) == (17, 17)
+    assert (c.edge_filter.spatial_sigma, c.edge_filter.range_sigma, c.edge_filter.iterations) == (20, 0.0005, 2)
+    assert c.search_range(695) == 120
+
+
+def test_every_field_has_a_docstring():
+    import ast
+    import inspect
+
+    import stereohdr.config as module
+
+    for node in ast.parse(inspect.getsource(module)).body:
+        if isinstance(node, ast.ClassDef):
+            for field, following in zip(node.body, [*node.body[1:], None], strict=True):
+                if isinstance(field, ast.AnnAssign):
+                    assert isinstance(following, ast.Expr), f"{node.name}.{field.target.id}"
+
+
+def test_toml_sets_nested_fields_and_keeps_the_rest(tmp_path):
+    path = tmp_path / "c.toml"
+    path.write_text(
+        "max_disparity = 64\n[exposure_map]\nover_threshold = 245\n[aggregation]\nsquared_sigma = true\n"
+    )
+    config = load_config(PaperConfig, path)
+    assert config.max_disparity == 64
+    assert config.exposure_map.over_threshold == 245.0
+    assert config.exposure_map.under_threshold == 5
+    assert config.aggregation == AggregationConfig(squared_sigma=True)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("max_disparty = 3", "unknown setting 'max_disparty'; known are aggregation"),
+        ("[census]\nwindows = 3", r"census: unknown setting 'windows'"),
+        ("max_disparity = 2.5", "max_disparity must be int"),
+        ("max_disparity = true", "max_disparity must be int"),
+        ("max_disparity = -1", "max_disparity must be >= 0"),
+        ("census = 7", "census is a table"),
+        ("[census]\nwindow = 4", "3, 5 or 7, got 4"),
+        ("[exposure_map]\nunder_threshold = 251", "under < over"),
+        ("[aggregation]\nsigma = nan", "sigma must be > 0"),
+        ("[edge_filter]\nrange_sigma = 'x'", "range_sigma must be float"),
+        ("[lattice]\ntolerance = 6", "below the pitch"),
+        ("max_disparity = ", "not valid TOML"),
+    ],
+)
+def test_wrong_settings_are_refused_with_their_place(tmp_path, text, message):
+    path = tmp_path / "c.toml"
+    path.write_text(text)
+    with pytest.raises(ConfigError, match=message) as caught:
+        load_config(PaperConfig, path)
+    assert "c.toml" in str(caught.value)
+
+
+def test_a_missing_file_is_said(tmp_path):
+    with pytest.raises(ConfigError, match="cannot read"):
+        load_config(PaperConfig, tmp_path / "none.toml")
+
+
+@pytest.mark.parametrize("width", [1, 2, 5, 695, 4000])
+def test_the_default_range_is_below_the_width(width):
+    assert 0 <= PaperConfig().search_range(width) < width
+
+
+def test_a_range_as_wide_as_the_image_is_refused():
+    assert PaperConfig(max_disparity=63).search_range(64) == 63
+    with pytest.raises(ConfigError, match="below the image width 64, got 64"):
+        PaperConfig(max_disparity=64).search_range(64)
+
+
+def test_a_config_survives_its_own_dictionary():
+    config = dataclasses.replace(PaperConfig(), max_disparity=9)
+    values = dataclasses.asdict(config)
+    assert config_from_mapping(PaperConfig, values) == config
