@@ -239,9 +239,7 @@ class PaperConfig(FuseConfig):
     """Poisson image editing."""
 
 
-def config_from_mapping(
-    config_type: type[ConfigT], values: Mapping[str, Any], where: str = "config"
-) -> ConfigT:
+def config_from_mapping(config_type: type[ConfigT], values: Mapping[str, Any], where: str = "config") -> ConfigT:
     """Build a configuration from nested mappings, as TOML gives them; missing fields keep their defaults.
 
     Parameters

@@ -117,9 +117,7 @@ class Photo:
         highest = int(np.iinfo(codes.dtype).max)
         white = highest if self.white_level is None else int(self.white_level)
         if not 3 <= white <= highest:
-            raise InputError(
-                f"{self.name}: white level must be 3 to {highest} for {codes.dtype}, got {white}"
-            )
+            raise InputError(f"{self.name}: white level must be 3 to {highest} for {codes.dtype}, got {white}")
         if white < highest:
             codes = np.minimum(codes, codes.dtype.type(white))
         for label, value in (

@@ -17,7 +17,10 @@ def test_pairs_have_equal_cumulative_frequency_by_hand():
     for u, expected in ((0.3, (10, 40)), (0.6, (10, 80)), (0.8, (20, 80)), (0.95, (30, 120))):
         i = round(u * 255)
         distances = [abs(np.array([0.5, 0.75, 1.0]) - i / 255), abs(np.array([0.25, 0.75, 1.0]) - i / 255)]
-        assert (np.array([10, 20, 30])[distances[0].argmin()], np.array([40, 80, 120])[distances[1].argmin()]) == expected
+        assert (
+            np.array([10, 20, 30])[distances[0].argmin()],
+            np.array([40, 80, 120])[distances[1].argmin()],
+        ) == expected
         assert expected in {tuple(p) for p in pairs.tolist()}
     assert set(pairs[:, 0]) == {10, 20, 30}
     assert set(pairs[:, 1]) == {40, 80, 120}

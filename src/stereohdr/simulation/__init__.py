@@ -1,1 +1,16 @@
 """Simulated cameras and scenes with exact ground truth."""
+
+from stereohdr.simulation.camera import Camera, expose, expose_pair, reexpose_codes
+from stereohdr.simulation.scenes import SCENES, StereoScene, poles, room, slanted_plane
+
+__all__ = [
+    "SCENES",
+    "Camera",
+    "StereoScene",
+    "expose",
+    "expose_pair",
+    "poles",
+    "reexpose_codes",
+    "room",
+    "slanted_plane",
+]

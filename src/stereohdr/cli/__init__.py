@@ -1,0 +1,75 @@
+"""The command line, one file per command. Heavy modules are imported inside the commands."""
+
+from __future__ import annotations
+
+import sys
+import warnings
+from collections.abc import Sequence
+from typing import Annotated
+
+import typer
+
+from stereohdr import __version__
+from stereohdr.cli import demo, fuse, tonemap
+from stereohdr.errors import InputError, StereoHdrError, StereoHdrWarning
+
+EXIT_BAD_INPUT = 2
+EXIT_FAILURE = 1
+
+app = typer.Typer(
+    name="stereohdr",
+    help="High dynamic range images from a stereo pair whose two cameras were set to different exposures.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+app.command("fuse")(fuse.fuse_command)
+app.command("demo")(demo.demo_command)
+app.command("tonemap")(tonemap.tonemap_command)
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"stereohdr {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version.")
+    ] = False,
+) -> None:
+    """High dynamic range images from a stereo pair whose two cameras were set to different exposures."""
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the command line; exits with 0, 2 for bad input, or 1 for any other failure.
+
+    Parameters
+    ----------
+    arguments
+        Without the program's name; `sys.argv` by default.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", StereoHdrWarning)
+        show = warnings.showwarning
+
+        def show_notice(message, category, *args, **more) -> None:
+            if issubclass(category, StereoHdrWarning):
+                typer.echo(f"warning: {message}", err=True)
+            else:
+                show(message, category, *args, **more)
+
+        warnings.showwarning = show_notice
+        try:
+            app(args=None if arguments is None else list(arguments))
+        except InputError as error:
+            typer.echo(f"error: {error}", err=True)
+            sys.exit(EXIT_BAD_INPUT)
+        except StereoHdrError as error:
+            typer.echo(f"error: {error}", err=True)
+            sys.exit(EXIT_FAILURE)
+        except MemoryError:
+            typer.echo("error: not enough memory for images of this size; reduce them first", err=True)
+            sys.exit(EXIT_FAILURE)

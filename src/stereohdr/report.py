@@ -1,0 +1,94 @@
+"""What a result says about itself: the closing summary and the JSON document."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from stereohdr.io.files import atomic_path
+from stereohdr.model import HdrResult, Photo, SourceFlag, StereoPair
+
+
+def exposure_text(seconds: float) -> str:
+    """Return an exposure time as photographers write it: ``1/60 s``, ``2 s``."""
+    if seconds < 0.3 and abs(1 / seconds - round(1 / seconds)) < 0.01 / seconds:
+        return f"1/{round(1 / seconds)} s"
+    return f"{seconds:g} s"
+
+
+def source_shares(result: HdrResult) -> dict[str, float]:
+    """Return the share (0..1) of the pixels with each `SourceFlag`, by its name in lower case."""
+    counts = np.bincount(result.source.ravel(), minlength=len(SourceFlag))
+    return {flag.name.lower(): float(counts[flag] / result.source.size) for flag in SourceFlag}
+
+
+def attributes(result: HdrResult) -> dict[str, Any]:
+    """Return what an HDR file should carry: software, method, exposure times, main view."""
+    return {
+        "software": f"stereohdr {result.versions.get('stereohdr', '')}".strip(),
+        "method": result.method,
+        "mainView": result.main,
+        "exposureTimeMain": result.exposures[0],
+        "exposureTimeAuxiliary": result.exposures[1],
+    }
+
+
+def document(result: HdrResult, pair: StereoPair) -> dict[str, Any]:
+    """Return everything but the pixels, ready for JSON."""
+    return {
+        **attributes(result),
+        "size": [pair.left.width, pair.left.height],
+        "channels": pair.left.channels,
+        "left": pair.left.name,
+        "right": pair.right.name,
+        "config": asdict(result.config),
+        "statistics": dict(result.statistics),
+        "source_shares": source_shares(result),
+        "seconds": dict(result.seconds),
+        "warnings": list(result.warnings),
+        "versions": dict(result.versions),
+        "response": result.response.log_exposure.tolist(),
+    }
+
+
+def write_json(path: str | Path, content: dict[str, Any]) -> None:
+    """Write a JSON document, whole or not at all."""
+    with atomic_path(path) as temporary:
+        temporary.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def summary(result: HdrResult, pair: StereoPair) -> list[str]:
+    """Return the closing lines of a run, for people."""
+
+    def view(photo: Photo, time: float) -> str:
+        return f"{photo.name} at {exposure_text(time)}"
+
+    def percent(name: str) -> str:
+        return f"{100 * result.statistics[name]:.1f} %"
+
+    t_main, t_auxiliary = result.exposures
+    colour = "grey" if pair.left.channels == 1 else "RGB"
+    lines = [
+        f"method     {result.method}, result in the {result.main} view",
+        f"main       {view(pair.main_photo, t_main)}",
+        f"auxiliary  {view(pair.auxiliary_photo, t_auxiliary)}, exposure ratio {pair.exposure_ratio:.3g}",
+        f"size       {pair.left.width}x{pair.left.height} {colour}, white level {pair.left.white}",
+        f"clipped    {percent('clipped_share')} of the main view is under- or over-exposed",
+    ]
+    if "interest_share" in result.statistics:
+        s = result.statistics
+        lines += [
+            f"interest   {percent('interest_share')} in segments that need the auxiliary view",
+            f"disparity  {s['disparity_min']:g} to {s['disparity_max']:g} px "
+            f"(searched 0 to {s['disparity_searched']:g})",
+            f"holes      {percent('occluded_share')} without a match, {percent('rejected_share')} rejected",
+        ]
+    shares = source_shares(result)
+    sources = ", ".join(f"{name.replace('_', ' ')} {100 * share:.1f} %" for name, share in shares.items() if share)
+    timings = ", ".join(f"{name} {value:.2f}" for name, value in result.seconds.items())
+    total = sum(result.seconds.values())
+    return [*lines, f"source     {sources}", f"seconds    {total:.2f} ({timings})"]

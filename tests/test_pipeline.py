@@ -1,0 +1,259 @@
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from conftest import make_pair
+from hypothesis import given
+from hypothesis import strategies as st
+
+from stereohdr import (
+    FuseConfig,
+    PaperConfig,
+    Photo,
+    ResponseCurve,
+    SourceFlag,
+    StereoHdrWarning,
+    StereoPair,
+    fuse,
+)
+from stereohdr.checks import check_exposure_order
+from stereohdr.errors import ConfigError, ExposureError, ResponseError
+from stereohdr.methods import available_methods, get_method
+
+CONFIG = PaperConfig(max_disparity=12)
+
+
+def clipped_pair(**options):
+    """Return a pair whose main view is over-exposed in places that the auxiliary view codes well."""
+    return make_pair(60, 90, times=(0.64, 0.04), disparity=5, **options)
+
+
+def with_codes(pair, *, left=None, right=None):
+    return StereoPair(
+        pair.left if left is None else replace(pair.left, codes=left),
+        pair.right if right is None else replace(pair.right, codes=right),
+        main=pair.main,
+    )
+
+
+def test_a_result_says_everything_about_itself(pair):
+    result = fuse(pair, "paper", CONFIG)
+    assert result.radiance.shape == (40, 64, 3)
+    assert result.radiance.dtype == np.float32
+    assert np.isfinite(result.radiance).all()
+    assert (result.radiance > 0).all()
+    assert result.source.dtype == np.uint8
+    assert result.method == "paper"
+    assert result.config is CONFIG
+    assert result.exposures == (0.04, 0.16)
+    assert list(result.seconds) == [
+        "response",
+        "radiance",
+        "exposure map",
+        "segmentation",
+        "interest region",
+        "disparity",
+        "warping",
+        "rejection",
+        "filling",
+        "edge-preserving filter",
+        "Poisson editing",
+        "fusion",
+    ]
+    assert set(result.versions) >= {"stereohdr", "numpy", "scipy", "numba", "python"}
+    assert not result.stages
+    assert not result.warnings
+
+
+def test_stages_are_kept_on_request_in_order():
+    stages = fuse(clipped_pair(), "paper", CONFIG, keep_stages=True).stages
+    assert list(stages) == [
+        "main_radiance",
+        "auxiliary_radiance",
+        "exposure_map",
+        "main_segments",
+        "auxiliary_segments",
+        "main_interest",
+        "auxiliary_interest",
+        "auxiliary_disparity",
+        "warped",
+        "rejected",
+        "holes",
+        "filled",
+        "filtered",
+        "restored",
+        "weight",
+    ]
+    assert all(array.shape[:2] == (60, 90) for array in stages.values())
+
+
+def test_clipped_pixels_get_the_radiance_that_the_auxiliary_view_measured():
+    pair = clipped_pair()
+    result = fuse(pair, "paper", CONFIG, response=ResponseCurve.gamma(2.2), keep_stages=True)
+    s = result.stages["exposure_map"]
+    assert s.mean() > 0.2
+    # The truth inside S: the auxiliary view at disparity 5, where it is there and not clipped.
+    truth = np.full_like(result.radiance, np.nan)
+    truth[:, 5:] = result.stages["auxiliary_radiance"][:, :-5]
+    inner = s.copy()
+    inner[:, :20] = False
+    error = np.log2(result.radiance[inner] / truth[inner])
+    before = np.log2(result.stages["main_radiance"][inner] / truth[inner])
+    assert np.sqrt((error**2).mean()) < 0.5 * np.sqrt((before**2).mean())
+
+
+def test_flags_agree_with_weight_and_radiance():
+    result = fuse(clipped_pair(), "paper", CONFIG, keep_stages=True)
+    main, s, weight = result.stages["main_radiance"], result.stages["exposure_map"], result.weight
+    kept = np.isin(result.source, (SourceFlag.MEASURED, SourceFlag.NO_INFORMATION, SourceFlag.WEIGHT_CUT))
+    np.testing.assert_array_equal(kept, weight == 0)
+    np.testing.assert_array_equal(result.radiance[kept], main[kept])
+    assert not (s & (result.source == SourceFlag.MEASURED)).any()
+    assert not (~s & (result.source == SourceFlag.NO_INFORMATION)).any()
+    rejected = result.stages["rejected"]
+    assert rejected[result.source == SourceFlag.FILLED_REJECTED].all()
+    assert not rejected[result.source == SourceFlag.AUXILIARY].any()
+    assert weight.min() >= 0
+    assert weight.max() <= 1
+    assert {SourceFlag.MEASURED, SourceFlag.AUXILIARY} <= set(result.source.ravel())
+
+
+@pytest.mark.parametrize("channels", [1, 3])
+def test_a_mirrored_pair_gives_the_mirrored_result(channels):
+    pair = clipped_pair(channels=channels)
+    result = fuse(pair, "paper", CONFIG, keep_stages=True)
+    mirrored = fuse(pair.mirrored(), "paper", CONFIG, keep_stages=True)
+    assert (result.main, mirrored.main) == ("left", "right")
+    np.testing.assert_array_equal(mirrored.radiance, result.radiance[:, ::-1])
+    np.testing.assert_array_equal(mirrored.source, result.source[:, ::-1])
+    np.testing.assert_array_equal(mirrored.disparity.values, result.disparity.values[:, ::-1])
+    for name, array in result.stages.items():
+        np.testing.assert_array_equal(mirrored.stages[name], array[:, ::-1], err_msg=name)
+
+
+@pytest.mark.parametrize("threads", [2, 3])
+def test_threads_do_not_change_a_byte(threads):
+    pair = clipped_pair()
+    one, many = (fuse(pair, "paper", CONFIG, threads=n) for n in (1, threads))
+    assert one.radiance.tobytes() == many.radiance.tobytes()
+    assert one.source.tobytes() == many.source.tobytes()
+    assert one.disparity.values.tobytes() == many.disparity.values.tobytes()
+
+
+def test_the_same_pair_twice_gives_the_same_bytes():
+    assert fuse(clipped_pair()).radiance.tobytes() == fuse(clipped_pair()).radiance.tobytes()
+
+
+@pytest.mark.parametrize(("dtype", "white"), [(np.uint16, 4095), (np.uint16, 65535)])
+def test_deep_codes_give_nearly_the_same_result_as_8_bits(dtype, white):
+    response = ResponseCurve.gamma(2.2)
+    shallow = fuse(clipped_pair(), "paper", CONFIG, response=response)
+    deep = fuse(clipped_pair(dtype=dtype, white=white), "paper", CONFIG, response=response)
+    ratio = np.abs(np.log2(deep.radiance / shallow.radiance))
+    assert np.median(ratio) < 0.02
+    assert (deep.source == shallow.source).mean() > 0.8
+
+
+def test_a_given_response_is_used_and_returned(pair):
+    response = ResponseCurve.gamma(1.8)
+    assert fuse(pair, "paper", CONFIG, response=response).response is response
+    with pytest.raises(ResponseError, match="1 channel"):
+        fuse(pair, "paper", CONFIG, response=ResponseCurve.gamma(1.8, 1))
+
+
+def test_ablations_change_the_result():
+    pair = clipped_pair()
+    full = fuse(pair, "paper", CONFIG).radiance
+    without_rejection = replace(CONFIG, rejection=replace(CONFIG.rejection, enabled=False))
+    without_poisson = replace(CONFIG, poisson=replace(CONFIG.poisson, enabled=False))
+    results = [fuse(pair, "paper", config).radiance for config in (without_rejection, without_poisson)]
+    assert not np.array_equal(results[0], full)
+    assert not np.array_equal(results[1], full)
+    assert not np.array_equal(results[0], results[1])
+
+
+@given(
+    height=st.integers(1, 14),
+    width=st.integers(1, 30),
+    channels=st.sampled_from([1, 3]),
+    main=st.sampled_from(["left", "right"]),
+    seed=st.integers(0, 10_000),
+)
+def test_any_size_and_any_noise_gives_a_finite_positive_result(height, width, channels, main, seed):
+    rng = np.random.default_rng(seed)
+    left = rng.integers(0, 256, (height, width, channels)).astype(np.uint8)
+    right = np.minimum(left.astype(int) + rng.integers(1, 200), 255).astype(np.uint8)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", StereoHdrWarning)
+        pair = StereoPair(Photo(left, 0.01), Photo(right, 0.08), main=main)
+        try:
+            result = fuse(pair, response=ResponseCurve.srgb(channels))
+        except ExposureError:
+            return  # so many saturated pixels that the order of brightness is lost
+    assert result.radiance.shape == (height, width, channels)
+    assert np.isfinite(result.radiance).all()
+    assert (result.radiance > 0).all()
+
+
+@pytest.mark.parametrize("size", [(1, 1), (1, 50), (50, 1), (2, 3), (200, 2)])
+def test_tiny_and_thin_pairs_work(size):
+    pair = make_pair(*size, disparity=0, times=(0.04, 0.16))
+    result = fuse(pair, response=ResponseCurve.gamma(2.2))
+    assert result.radiance.shape == (*size, 3)
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+@pytest.mark.parametrize(("code", "word"), [(0, "black"), (255, "white")])
+def test_a_view_without_a_usable_pixel_gives_the_main_view_and_a_warning(pair, side, code, word):
+    flat = np.full_like(pair.left.codes, code)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        result = fuse(with_codes(pair, **{side: flat}), "paper", CONFIG)
+    assert [str(w.message) for w in caught] == list(result.warnings)
+    assert all(w.category is StereoHdrWarning and w.filename == __file__ for w in caught)
+    assert f"{side}: every pixel is {word}" in result.warnings[0]
+    assert "sRGB curve is assumed" in result.warnings[1]
+    assert result.method == "paper"
+    assert np.isfinite(result.radiance).all()
+    assert (result.weight == 0).all()
+    expected = SourceFlag.NO_INFORMATION if side == "left" else SourceFlag.MEASURED
+    assert (result.source == expected).mean() > 0.9
+
+
+def test_swapped_exposure_times_are_noticed(pair):
+    swapped = StereoPair(replace(pair.left, exposure_time=0.16), replace(pair.right, exposure_time=0.04))
+    with pytest.raises(ExposureError, match="left should be the brighter one"):
+        fuse(swapped)
+    check_exposure_order(pair)
+
+
+def test_identical_photos_at_different_times_are_noticed(pair):
+    same = StereoPair(pair.left, replace(pair.left, exposure_time=0.16, name="copy"))
+    with pytest.raises(ExposureError, match="contradict"):
+        fuse(same)
+
+
+def test_a_disparity_range_as_wide_as_the_image_is_refused(pair):
+    with pytest.raises(ConfigError, match="below the image width 64"):
+        fuse(pair, "paper", PaperConfig(max_disparity=64))
+
+
+def test_unknown_methods_and_foreign_configs_are_refused(pair):
+    with pytest.raises(ConfigError, match="unknown method 'magic'; known are paper"):
+        fuse(pair, "magic")
+    with pytest.raises(ConfigError, match="takes a PaperConfig, got a FuseConfig"):
+        fuse(pair, "paper", FuseConfig())
+
+
+def test_methods_are_found_by_name():
+    assert available_methods()[0] == "paper"
+    method = get_method("paper")
+    assert method.config_type is PaperConfig
+    assert callable(method.load())
+
+
+def test_progress_names_the_stages_as_they_start(pair):
+    seen = []
+    result = fuse(pair, "paper", CONFIG, progress=seen.append)
+    assert seen == list(result.seconds)
