@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from stereohdr.io.files import atomic_path
 from stereohdr.io.images import write_png
-from stereohdr.model import HdrResult, SourceFlag
+from stereohdr.model import HdrResult, Photo, SourceFlag
 from stereohdr.tone_mapping import tonemap
 
 Picture = NDArray[np.uint8]
@@ -74,9 +74,9 @@ def tonemap_together(images: Sequence[NDArray[np.float32]]) -> list[Picture]:
     return np.split(tonemap(stacked), heights)
 
 
-def codes_picture(codes: NDArray[Any], white: int) -> Picture:
-    """Return 8-bit codes for showing, whatever the bit depth; ``(H, W, C)``."""
-    return np.rint(codes * (255.0 / white)).astype(np.uint8)
+def codes_picture(photo: Photo) -> Picture:
+    """Return a photo's codes in 8 bits, whatever its bit depth; ``(H, W, C)``."""
+    return np.rint(photo.codes * (255.0 / photo.white)).astype(np.uint8)
 
 
 def stage_pictures(stages: Mapping[str, NDArray[Any]]) -> dict[str, Picture]:

@@ -1,11 +1,12 @@
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
-from reference import disparity as twin
 
 from stereohdr.config import AggregationConfig, CandidateConfig
 from stereohdr.disparity import aggregate_in_segments, select_candidates, winner_takes_all
 from stereohdr.disparity.aggregation import support_weights
+
+from reference import disparity as twin
 
 
 def random_volume(seed, rows, width, disparities):

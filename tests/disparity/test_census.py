@@ -2,10 +2,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from reference import disparity as twin
 
 from stereohdr.config import CensusConfig
 from stereohdr.disparity import census_transform, similarity_volume
+
+from reference import disparity as twin
 
 
 def luminance_image(seed, height, width, flat=False):

@@ -1,6 +1,5 @@
 import numpy as np
 import pytest
-from conftest import smooth_codes
 
 from stereohdr import DisparityFlag
 from stereohdr.disparity import (
@@ -12,6 +11,8 @@ from stereohdr.disparity import (
     similarity_volume,
     winner_takes_all,
 )
+
+from conftest import smooth_codes
 
 
 def views(height=70, width=60, shift=6):

@@ -40,7 +40,7 @@ def similarity_rows(auxiliary, main, codes, start, stop, volume):
 
 
 def candidate_rows(volume, wanted, box_radius, offset, candidates):
-    rows, width, disparities = volume.shape
+    width, disparities = volume.shape[1:]
     for y in range(candidates.shape[0]):
         for x in range(width):
             candidates[y, x] = -1

@@ -1,11 +1,12 @@
 import numpy as np
 import pytest
-from conftest import make_pair
 
 from stereohdr import Photo, StereoPair
 from stereohdr.errors import ResponseError
 from stereohdr.response import cdf_sample_pairs, estimate_response
 from stereohdr.response.cdf_matching import knot_codes
+
+from conftest import make_pair
 
 
 def test_pairs_have_equal_cumulative_frequency_by_hand():

@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
-from reference import response as twin
 
 from stereohdr.response import debevec_weight, solve_response
+
+from reference import response as twin
 
 
 def samples_of(curve, times, rng, points=200):

@@ -2,11 +2,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from reference import restoration as twin
 
 from stereohdr.config import DomainTransformConfig
 from stereohdr.restoration import edge_preserving_filter
 from stereohdr.restoration._kernels import recursive_pass
+
+from reference import restoration as twin
 
 
 @given(

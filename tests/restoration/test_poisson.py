@@ -1,9 +1,10 @@
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
-from reference import restoration as twin
 
 from stereohdr.restoration import poisson_edit
+
+from reference import restoration as twin
 
 
 @given(

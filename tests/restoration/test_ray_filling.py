@@ -1,10 +1,11 @@
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
-from reference import restoration as twin
 
 from stereohdr.restoration import fill_holes
 from stereohdr.restoration._kernels import fill_along_rays, fill_from_nearest
+
+from reference import restoration as twin
 
 
 @given(

@@ -1,13 +1,14 @@
 import numpy as np
 import pytest
-from conftest import smooth_codes
 from hypothesis import given
 from hypothesis import strategies as st
-from reference import segmentation as twin
 
 from stereohdr.config import LatticeConfig
 from stereohdr.segmentation import boundary_map, superpixel_lattice
 from stereohdr.segmentation._kernels import lattice_paths
+
+from conftest import smooth_codes
+from reference import segmentation as twin
 
 
 @given(

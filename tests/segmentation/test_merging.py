@@ -1,14 +1,15 @@
 import numpy as np
-from conftest import smooth_codes
 from hypothesis import given
 from hypothesis import strategies as st
-from reference import segmentation as twin
 
 from stereohdr import Photo
 from stereohdr.config import MergingConfig
 from stereohdr.segmentation import auxiliary_interest, main_interest, merge_superpixels, segment_photo
 from stereohdr.segmentation._kernels import merge_graph
 from stereohdr.segmentation.merging import superpixel_means
+
+from conftest import smooth_codes
+from reference import segmentation as twin
 
 
 @given(

@@ -55,7 +55,7 @@ def demo_command(
         from stereohdr.io import write_hdr
         from stereohdr.io.images import write_png
         from stereohdr.metrics import aligning_scale, log2_error, log2_rmse
-        from stereohdr.pictures import contact_sheet
+        from stereohdr.pictures import codes_picture, contact_sheet
         from stereohdr.pipeline import fuse
         from stereohdr.simulation import Camera, expose_pair
         from stereohdr.tone_mapping import tonemap
@@ -77,8 +77,8 @@ def demo_command(
             }
 
         progress("pictures")
-        write_png(output / "left.png", pair.left.codes)
-        write_png(output / "right.png", pair.right.codes)
+        write_png(output / "left.png", codes_picture(pair.left))
+        write_png(output / "right.png", codes_picture(pair.right))
         write_hdr(output / "result.exr", result.radiance, attributes=report.attributes(result))
         write_png(output / "result.png", tonemap(result.radiance))
         title = f"stereohdr demo: {truth.name}, exposures 16:1, method {result.method}"
@@ -153,6 +153,7 @@ def _room() -> DemoScene:
 def _tiles(pair: Any, result: Any, truth: DemoScene, errors: dict, scores: dict) -> list:
     from stereohdr.metrics import aligning_scale
     from stereohdr.pictures import (
+        codes_picture,
         diverging,
         heat,
         segment_colours,
@@ -167,8 +168,8 @@ def _tiles(pair: Any, result: Any, truth: DemoScene, errors: dict, scores: dict)
     scale = aligning_scale(stages["main_radiance"], truth.left, pair.left)
     true_view, main_only, fused = tonemap_together([truth.left / scale, stages["main_radiance"], result.radiance])
     return [
-        (f"left photo, main view, {exposure_text(t_main)}", pair.left.codes),
-        (f"right photo, auxiliary, {exposure_text(t_auxiliary)}", pair.right.codes),
+        (f"left photo, main view, {exposure_text(t_main)}", codes_picture(pair.left)),
+        (f"right photo, auxiliary, {exposure_text(t_auxiliary)}", codes_picture(pair.right)),
         ("S: under- and over-exposed", stages["exposure_map"].astype("uint8") * 255),
         ("segments of the main view", segment_colours(stages["main_segments"])),
         ("disparity of the auxiliary view", heat(stages["auxiliary_disparity"], high=truth.max_disparity)),

@@ -24,7 +24,9 @@ def tonemap_command(
         OperatorName, typer.Option(help="Reinhard's global operator, Drago's logarithm, or a linear scale.")
     ] = OperatorName.REINHARD,
     key: Annotated[float, typer.Option(help="Reinhard: brightness of the middle of the scene, 0 to 1.")] = 0.18,
-    bias: Annotated[float, typer.Option(help="Log: smaller is more contrast in highlights, 0 to 1.")] = 0.85,
+    bias: Annotated[
+        float, typer.Option(help="Log: smaller lifts the shadows and compresses highlights more, 0 to 1.")
+    ] = 0.85,
     exposure: Annotated[float | None, typer.Option(help="Linear: factor on the radiance.")] = None,
     saturation: Annotated[float, typer.Option(help="1 keeps the colours, 0 gives grey.")] = 1.0,
 ) -> None:

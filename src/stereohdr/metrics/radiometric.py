@@ -15,9 +15,7 @@ WELL_EXPOSED = (20.0, 235.0)
 """Codes (of 255) between which a pixel is trusted to align two images, in every channel."""
 
 
-def aligning_scale(
-    test: NDArray[np.floating[Any]], reference: NDArray[np.floating[Any]], main: Photo
-) -> float:
+def aligning_scale(test: NDArray[np.floating[Any]], reference: NDArray[np.floating[Any]], main: Photo) -> float:
     """Return the factor that brings `test` to the scale of `reference`.
 
     Parameters
@@ -33,9 +31,9 @@ def aligning_scale(
     The median ratio of the luminances.
     """
     codes = main.codes * (255.0 / main.white)
-    trusted = ((codes >= WELL_EXPOSED[0]) & (codes <= WELL_EXPOSED[1])).all(axis=2)
+    trusted = np.all((codes >= WELL_EXPOSED[0]) & (codes <= WELL_EXPOSED[1]), axis=2)
     if not trusted.any():
-        trusted[:] = True
+        trusted = np.ones_like(trusted)
     ratio = luminance(reference)[trusted].astype(np.float64) / luminance(test)[trusted]
     return float(np.exp(np.median(np.log(ratio))))
 

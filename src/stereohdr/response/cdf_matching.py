@@ -77,9 +77,7 @@ def estimate_response(pair: StereoPair, *, config: CdfResponseConfig | None = No
     for channel in range(main.shape[2]):
         samples = cdf_sample_pairs(main[..., channel], auxiliary[..., channel])
         enough = len(samples) >= MINIMUM_PAIRS
-        curves.append(
-            solve_response(samples, pair.exposures, smoothness=config.smoothness) if enough else None
-        )
+        curves.append(solve_response(samples, pair.exposures, smoothness=config.smoothness) if enough else None)
     known = [curve for curve in curves if curve is not None]
     if not known:
         raise ResponseError(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import cast
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage, sparse
@@ -90,7 +92,7 @@ def _neighbour_views(dimensions: int) -> list[tuple[tuple[slice, ...], tuple[sli
 
 def _touches(holes: NDArray[np.bool_], valid: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return the holes whose four-connected component has a valid pixel beside it."""
-    components, count = ndimage.label(holes)
+    components, count = cast(tuple[NDArray[np.int32], int], ndimage.label(holes))
     bounded = np.zeros(count + 1, dtype=bool)
     for here, there in _neighbour_views(holes.ndim):
         bounded[components[here][valid[there]]] = True

@@ -11,9 +11,7 @@ from stereohdr.segmentation._kernels import merge_graph
 from stereohdr.segmentation.lattice import superpixel_lattice
 
 
-def merge_superpixels(
-    means: NDArray[np.float64], *, config: MergingConfig | None = None
-) -> NDArray[np.int32]:
+def merge_superpixels(means: NDArray[np.float64], *, config: MergingConfig | None = None) -> NDArray[np.int32]:
     """Group the cells of a super-pixel grid into segments.
 
     Parameters

@@ -1,0 +1,235 @@
+import json
+
+import numpy as np
+import pytest
+
+from stereohdr import ResponseCurve, __version__, read_hdr
+from stereohdr.cli import main
+from stereohdr.io.exr import read_exr
+from stereohdr.io.images import write_png
+
+from conftest import make_pair
+
+
+@pytest.fixture
+def files(tmp_path):
+    """Write left.png and right.png, 64x40, exposures 1:4; return their folder."""
+    pair = make_pair()
+    write_png(tmp_path / "left.png", pair.left.codes)
+    write_png(tmp_path / "right.png", pair.right.codes)
+    return tmp_path
+
+
+def run(*arguments):
+    """Run the command line in this process; return its exit status."""
+    with pytest.raises(SystemExit) as stop:
+        main([str(a) for a in arguments])
+    return stop.value.code or 0
+
+
+def run_fuse(folder, *more, left="left.png", right="right.png", out="out.exr", times=("1/25", "0.16")):
+    exposures = ["--exposures", *times] if times else []
+    return run("fuse", folder / left, folder / right, "-o", folder / out, *exposures, *more)
+
+
+def names(folder):
+    return sorted(p.name for p in folder.iterdir())
+
+
+def assert_refused(capsys, folder, status, *words, untouched=None):
+    """Check for exit status 2, one sentence on standard error, and no new file."""
+    assert status == 2
+    errors = capsys.readouterr().err.strip().splitlines()
+    message = errors[-1]
+    assert message.startswith("error: ")
+    for word in words:
+        assert word in message
+    assert "Traceback" not in "".join(errors)
+    assert names(folder) == (untouched or ["left.png", "right.png"])
+
+
+@pytest.mark.parametrize("suffix", [".exr", ".hdr", ".pfm", ".npy"])
+def test_every_output_format_holds_the_same_radiance(files, suffix):
+    assert run_fuse(files, "-q", out=f"a{suffix}") == 0
+    assert run_fuse(files, "-q", out="b.npy") == 0
+    got, expected = read_hdr(files / f"a{suffix}"), np.load(files / "b.npy")
+    peak = expected.max(axis=2, keepdims=True)
+    tolerance = 0.01 if suffix == ".hdr" else 0
+    assert (np.abs(got - expected) / peak).max() <= tolerance
+
+
+def test_exr_says_what_made_it(files):
+    run_fuse(files, "-q", "--main", "right")
+    attributes = read_exr(files / "out.exr")[1]
+    assert attributes["software"] == f"stereohdr {__version__}"
+    assert attributes["method"] == "paper"
+    assert attributes["mainView"] == "right"
+    assert attributes["exposureTimeMain"] == pytest.approx(0.16)
+    assert attributes["exposureTimeAuxiliary"] == pytest.approx(0.04)
+
+
+def test_plain_progress_summary_preview_and_json(files, capsys):
+    status = run_fuse(files, "--preview", files / "p.png", "--json", files / "r.json", "--max-disparity", 9)
+    assert status == 0
+    captured = capsys.readouterr()
+    assert captured.err.splitlines()[:3] == ["reading", "response", "radiance"]
+    assert "\x1b" not in captured.err
+    for word in ("clipped", "interest", "disparity", "holes", "seconds", "64x40", "1/25 s", "out.exr"):
+        assert word in captured.out
+    document = json.loads((files / "r.json").read_text())
+    assert document["config"]["max_disparity"] == 9
+    assert document["statistics"]["disparity_searched"] == 9
+    assert document["exposureTimeMain"] == 0.04
+    assert sum(document["source_shares"].values()) == pytest.approx(1)
+    assert np.shape(document["response"]) == (3, 256)
+    assert names(files) == ["left.png", "out.exr", "p.png", "r.json", "right.png"]
+
+
+def test_stages_are_numbered_pictures_and_arrays(files):
+    assert run_fuse(files, "-q", "--save-stages", files / "stages") == 0
+    written = names(files / "stages")
+    assert written[:4] == [
+        "01_main_radiance.npy",
+        "01_main_radiance.png",
+        "02_auxiliary_radiance.npy",
+        "02_auxiliary_radiance.png",
+    ]
+    assert "16_result.png" in written
+    assert "17_source.png" in written
+    assert ResponseCurve.load(files / "stages" / "response.json").channels == 3
+    np.testing.assert_array_equal(np.load(files / "stages" / "16_result.npy"), read_hdr(files / "out.exr"))
+
+
+def test_response_and_config_files_are_used(files):
+    ResponseCurve.gamma(2.2).save(files / "camera.json")
+    (files / "c.toml").write_text("max_disparity = 11\n[exposure_map]\nover_threshold = 200\n")
+    more = ("-q", "--response", files / "camera.json", "--config", files / "c.toml", "--json", files / "r.json")
+    assert run_fuse(files, *more) == 0
+    document = json.loads((files / "r.json").read_text())
+    assert document["config"]["exposure_map"]["over_threshold"] == 200
+    assert document["config"]["max_disparity"] == 11
+    np.testing.assert_allclose(document["response"], ResponseCurve.gamma(2.2).log_exposure)
+    assert run_fuse(files, *more, "--max-disparity", 8) == 0  # the option wins over the file
+    assert json.loads((files / "r.json").read_text())["config"]["max_disparity"] == 8
+
+
+def test_the_same_command_writes_the_same_bytes(files):
+    for out in ("a.exr", "b.exr"):
+        run_fuse(files, "-q", out=out)
+    assert (files / "a.exr").read_bytes() == (files / "b.exr").read_bytes()
+
+
+def test_exposures_come_from_exif(files):
+    from PIL import Image
+
+    for name, time in (("left.png", 0.04), ("right.png", 0.16)):
+        image = Image.open(files / name)
+        exif = image.getexif()
+        exif[0x8769] = {33434: time}
+        image.save(files / name, exif=exif)
+    assert run_fuse(files, "-q", times=None) == 0
+    assert read_exr(files / "out.exr")[1]["exposureTimeMain"] == pytest.approx(0.04)
+
+
+def test_missing_exposures_are_asked_for(files, capsys):
+    assert_refused(capsys, files, run_fuse(files, times=None), "left.png", "--exposures 1/60 1/15")
+
+
+@pytest.mark.parametrize(
+    ("times", "words"),
+    [
+        (("0.16", "1/25"), ("contradict", "left.png")),
+        (("0.1", "0.1"), ("same exposure",)),
+        (("fast", "0.1"), ("fast",)),
+        (("0", "0.1"), ("0",)),
+        (("-1", "0.1"), ("-1",)),
+        (("1/0", "0.1"), ("1/0",)),
+    ],
+)
+def test_exposures_that_make_no_sense(files, capsys, times, words):
+    assert_refused(capsys, files, run_fuse(files, times=times), *words)
+
+
+def test_different_sizes_and_channels(files, capsys):
+    pair = make_pair()
+    write_png(files / "right.png", pair.right.codes[:-1])
+    assert_refused(capsys, files, run_fuse(files), "differ in size", "64x40", "64x39")
+    write_png(files / "right.png", pair.right.codes[..., 0])
+    assert_refused(capsys, files, run_fuse(files), "differ in channels")
+
+
+@pytest.mark.parametrize("keep", [0, 4, 30, 500])
+def test_truncated_files(files, capsys, keep):
+    path = files / "right.png"
+    path.write_bytes(path.read_bytes()[:keep])
+    assert_refused(capsys, files, run_fuse(files), "right.png")
+
+
+def test_missing_files(files, capsys):
+    assert_refused(capsys, files, run_fuse(files, right="nothing.png"), "nothing.png")
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--max-disparity", "64"), ("below the image width 64",)),
+        (("--max-disparity", "-1"), ("max_disparity",)),
+        (("--method", "magic"), ("unknown method 'magic'",)),
+        (("--white-level", "256"), ("white level",)),
+        (("--response", "none.json"), ("none.json", "cannot read")),
+        (("--config", "none.toml"), ("none.toml", "cannot read")),
+        (("--preview", "p.jpg"), ("p.jpg", ".png")),
+        (("--json", "no/folder/r.json"), ("no/folder", "does not exist")),
+    ],
+)
+def test_options_that_cannot_work(files, capsys, options, words):
+    assert_refused(capsys, files, run_fuse(files, *options), *words)
+
+
+@pytest.mark.parametrize("out", ["out.jpg", "out", "no/folder/out.exr"])
+def test_outputs_that_cannot_be_written(files, capsys, out):
+    assert_refused(capsys, files, run_fuse(files, out=out), "out")
+
+
+def test_an_input_is_never_overwritten(files, capsys):
+    before = (files / "left.png").read_bytes()
+    status = run_fuse(files, "--preview", files / "." / "left.png")
+    assert_refused(capsys, files, status, "left.png", "overwrite")
+    assert (files / "left.png").read_bytes() == before
+
+
+def test_alpha_is_dropped_with_a_notice(files, capsys):
+    codes = make_pair().left.codes
+    from PIL import Image
+
+    rgba = np.concatenate([codes, np.full((*codes.shape[:2], 1), 200, np.uint8)], axis=2)
+    Image.fromarray(rgba).save(files / "left.png")
+    assert run_fuse(files) == 0
+    assert "warning: " in (err := capsys.readouterr().err)
+    assert "alpha" in err
+
+
+def test_a_black_view_gives_the_main_view_and_a_warning(files, capsys):
+    write_png(files / "right.png", np.zeros((40, 64, 3), np.uint8))
+    assert run_fuse(files) == 0
+    captured = capsys.readouterr()
+    assert "every pixel is black" in captured.err
+    assert "main view" in captured.out or "measured" in captured.out
+    assert np.isfinite(read_hdr(files / "out.exr")).all()
+
+
+def test_16_bit_grey_files_with_a_white_level(files):
+    from PIL import Image
+
+    pair = make_pair(channels=1, dtype=np.uint16, white=4095)
+    for photo in (pair.left, pair.right):
+        Image.fromarray(photo.codes[..., 0]).save(files / f"{photo.name}.png")
+    assert run_fuse(files, "-q", "--white-level", 4095) == 0
+    assert read_hdr(files / "out.exr").shape == (40, 64, 1)
+
+
+def test_version_and_help(capsys):
+    assert run("--version") == 0
+    assert capsys.readouterr().out.strip() == f"stereohdr {__version__}"
+    assert run("fuse", "--help") == 0
+    assert "--save-stages" in capsys.readouterr().out

@@ -1,0 +1,76 @@
+import builtins
+import json
+
+import numpy as np
+import pytest
+from PIL import Image
+from test_cli_fuse import run
+
+from stereohdr import tonemap, write_hdr
+from stereohdr.cli import demo
+from stereohdr.simulation import room
+
+
+def test_tonemap_writes_what_the_function_returns(tmp_path):
+    radiance = np.random.default_rng(0).lognormal(size=(6, 8, 3)).astype(np.float32)
+    write_hdr(tmp_path / "in.exr", radiance)
+    assert run("tonemap", tmp_path / "in.exr", tmp_path / "out.png", "--operator", "log") == 0
+    np.testing.assert_array_equal(np.asarray(Image.open(tmp_path / "out.png")), tonemap(radiance, "log"))
+
+
+def test_tonemap_refuses_nan_and_other_suffixes(tmp_path, capsys):
+    np.save(tmp_path / "nan.npy", np.full((3, 3, 3), np.nan, np.float32))
+    assert run("tonemap", tmp_path / "nan.npy", tmp_path / "out.png") == 2
+    assert "NaN" in capsys.readouterr().err
+    np.save(tmp_path / "fine.npy", np.ones((3, 3, 3), np.float32))
+    assert run("tonemap", tmp_path / "fine.npy", tmp_path / "out.jpg") == 2
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["fine.npy", "nan.npy"]
+
+
+@pytest.fixture
+def small_room(monkeypatch):
+    import stereohdr.simulation
+
+    monkeypatch.setattr(stereohdr.simulation, "room", lambda: room(width=120, height=90))
+
+
+def test_demo_without_scikit_image_uses_the_room_and_says_so(tmp_path, capsys, monkeypatch, small_room):
+    real_import = builtins.__import__
+
+    def without_skimage(name, *args, **more):
+        if name.startswith("skimage"):
+            raise ImportError(name)
+        return real_import(name, *args, **more)
+
+    monkeypatch.setattr(builtins, "__import__", without_skimage)
+    assert run("demo", "-o", tmp_path / "d") == 0
+    captured = capsys.readouterr()
+    assert "scikit-image is not installed" in captured.err
+    assert "inside S" in captured.out
+    assert sorted(p.name for p in (tmp_path / "d").iterdir()) == [
+        "contact_sheet.png",
+        "demo.json",
+        "left.png",
+        "result.exr",
+        "result.png",
+        "right.png",
+    ]
+    scores = json.loads((tmp_path / "d" / "demo.json").read_text())["log2_rmse"]
+    assert scores["result"]["inside_s"] < scores["main view only"]["inside_s"]
+    assert run("demo", "-o", tmp_path / "d", "--scene", "motorcycle") == 1
+    assert "stereohdr[demo]" in capsys.readouterr().err
+
+
+def test_demo_refuses_unknown_scenes_and_files_as_folders(tmp_path, capsys):
+    assert run("demo", "-o", tmp_path / "d", "--scene", "moon") == 2
+    (tmp_path / "file").write_text("x")
+    assert run("demo", "-o", tmp_path / "file") == 2
+
+
+def test_the_motorcycle_is_restored_inside_s(tmp_path):
+    pytest.importorskip("skimage")
+    truth = demo._motorcycle()
+    assert truth.left.shape == (500, 741, 3)
+    assert run("demo", "-o", tmp_path / "d", "--scene", "motorcycle") == 0
+    scores = json.loads((tmp_path / "d" / "demo.json").read_text())["log2_rmse"]
+    assert scores["result"]["inside_s"] < 0.7 * scores["main view only"]["inside_s"]
