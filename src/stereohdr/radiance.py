@@ -38,16 +38,20 @@ def initial_radiance(photo: Photo, response: ResponseCurve, *, exposure: float) 
 
 def luminance(radiance: NDArray[np.floating[Any]]) -> NDArray[np.float32]:
     """Return the Rec.709 luminance ``(H, W)`` float32 of linear radiance ``(H, W, C)``; grey passes through."""
-    if radiance.shape[2] == 1:
-        return np.ascontiguousarray(radiance[..., 0], dtype=np.float32)
-    r, g, b = (radiance[..., c].astype(np.float32, copy=False) * REC709[c] for c in range(3))
-    return r + g + b
+    return _weighted(radiance, REC709)
 
 
 def code_luma(photo: Photo) -> NDArray[np.float32]:
     """Return the Rec.601 luma ``(H, W)`` float32 of the codes, scaled so that white is 255."""
-    codes = photo.codes.astype(np.float32) * np.float32(255.0 / photo.white)
-    return codes[..., 0] if photo.channels == 1 else codes @ REC601
+    return _weighted(photo.codes, REC601) * np.float32(255.0 / photo.white)
+
+
+def _weighted(image: NDArray[Any], weights: NDArray[np.float32]) -> NDArray[np.float32]:
+    # Not a matrix product: its summation order depends on the BLAS, and S on the last bit.
+    if image.shape[2] == 1:
+        return np.ascontiguousarray(image[..., 0], dtype=np.float32)
+    r, g, b = (image[..., c].astype(np.float32) * weights[c] for c in range(3))
+    return r + g + b
 
 
 def exposure_map(photo: Photo, *, config: ExposureMapConfig | None = None) -> NDArray[np.bool_]:

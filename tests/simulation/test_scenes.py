@@ -221,6 +221,29 @@ def test_radiance_is_the_mean_over_the_pixel(samples):
     assert np.percentile(difference, 95) < 0.5 * np.percentile(one_sample, 95)
 
 
+def test_a_single_sample_sees_what_the_disparity_sees():
+    # The upper panes of the window: sky (12 or brighter) at the depth of the backdrop, or dark bars and frame.
+    scene = room(240, 180, supersampling=1)
+    panes = np.s_[34:42, 60:122]
+    for radiance, disparity, *_ in (
+        (scene.radiance_left, scene.disparity_left),
+        (scene.radiance_right, scene.disparity_right),
+    ):
+        sky = disparity.values[panes] < 2
+        assert 0.3 < sky.mean() < 0.95
+        np.testing.assert_array_equal(luminance(radiance[panes]) > 5, sky)
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_samples_are_centred_in_the_pixel(axis):
+    # Fit E_n - E_1 = shift dE/dx: however many samples, their mean must not move the image.
+    one = slanted_plane(96, 72, supersampling=1).radiance_left.astype(np.float64)
+    slope = np.gradient(one, axis=axis)
+    for samples in (2, 3, 4):
+        change = slanted_plane(96, 72, supersampling=samples).radiance_left - one
+        assert abs((change * slope).sum() / (slope**2).sum()) < 0.03  # pixels
+
+
 @pytest.mark.parametrize("gradient", [(0.04, 0.02), (-0.07, 0.0), (0.0, 0.0), (0.3, -0.1)])
 def test_slanted_plane_has_its_closed_form(gradient):
     width, height, middle = 60, 44, 14.037

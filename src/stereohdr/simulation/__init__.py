@@ -1,7 +1,7 @@
 """Simulated cameras and scenes with exact ground truth."""
 
 from stereohdr.simulation.camera import Camera, expose, expose_pair, reexpose_codes
-from stereohdr.simulation.scenes import SCENES, StereoScene, poles, room, slanted_plane
+from stereohdr.simulation.scenes import SCENES, StereoScene, poles, room, slanted_plane, street_night
 
 __all__ = [
     "SCENES",
@@ -13,4 +13,5 @@ __all__ = [
     "reexpose_codes",
     "room",
     "slanted_plane",
+    "street_night",
 ]

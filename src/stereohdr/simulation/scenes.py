@@ -1191,7 +1191,7 @@ def street_night(
 
     Returns
     -------
-    The scene. At the default size the end of the street has about 3 px disparity, the nearest bollard about 60.
+    The scene. At the default size the end of the street has about 4 px disparity, the nearest bollard about 60.
 
     Raises
     ------
