@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from stereohdr import (
     FuseConfig,
+    InputError,
     PaperConfig,
     Photo,
     ResponseCurve,
@@ -16,7 +17,7 @@ from stereohdr import (
     StereoPair,
     fuse,
 )
-from stereohdr.checks import check_exposure_order
+from stereohdr.checks import check_exposure_order, check_views
 from stereohdr.errors import ConfigError, ExposureError, ResponseError
 from stereohdr.methods import available_methods, get_method
 
@@ -49,6 +50,7 @@ def test_a_result_says_everything_about_itself(pair):
     assert result.config is CONFIG
     assert result.exposures == (0.04, 0.16)
     assert list(result.seconds) == [
+        "checks",
         "response",
         "radiance",
         "exposure map",
@@ -258,3 +260,24 @@ def test_progress_names_the_stages_as_they_start(pair):
     seen = []
     result = fuse(pair, "paper", CONFIG, progress=seen.append)
     assert seen == list(result.seconds)
+
+
+def test_exchanged_photos_are_noticed_even_with_their_own_exposures():
+    pair = make_pair(60, 160, disparity=12)
+    fuse(pair)
+    exchanged = StereoPair(replace(pair.right, name="right.png"), replace(pair.left, name="left.png"))
+    with pytest.raises(InputError, match=r"right\.png and left\.png look exchanged"):
+        fuse(exchanged)
+    with pytest.raises(InputError, match="look exchanged"):
+        fuse(replace(exchanged, main="right"))
+    fuse(replace(pair, main="right"))
+
+
+def test_a_pair_at_infinity_is_in_order():
+    assert check_views(make_pair(60, 160, disparity=0)) is None
+
+
+def test_unrelated_photos_are_fused_with_a_warning():
+    left, right = make_pair(60, 160, seed=1).left, make_pair(60, 160, seed=2).right
+    with pytest.warns(StereoHdrWarning, match="hardly match"):
+        fuse(StereoPair(left, right), "paper", CONFIG)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stereohdr import __version__
-from stereohdr.checks import check_exposure_order, unusable_view
+from stereohdr.checks import check_exposure_order, check_views, unusable_view
 from stereohdr.errors import ConfigError, ResponseError, StereoHdrError, StereoHdrWarning
 from stereohdr.methods import get_method
 from stereohdr.stage_log import Progress, StageLog
@@ -61,6 +61,8 @@ def fuse(
     ------
     ExposureError
         The exposure times contradict the brightness of the photos.
+    InputError
+        The photos of the left and the right camera are exchanged.
     ConfigError
         Unknown method, or a configuration that does not fit the pair.
     ResponseError
@@ -97,6 +99,10 @@ def fuse(
     problem = unusable_view(pair)
     if problem is None:
         check_exposure_order(pair)
+        with log.stage("checks"):
+            doubt = check_views(pair)
+        if doubt is not None:
+            log.warn(doubt)
         run = chosen.load()
     else:
         from stereohdr.methods.main_view import keep_main_view as run

@@ -72,7 +72,7 @@ def test_plain_progress_summary_preview_and_json(files, capsys):
     status = run_fuse(files, "--preview", files / "p.png", "--json", files / "r.json", "--max-disparity", 9)
     assert status == 0
     captured = capsys.readouterr()
-    assert captured.err.splitlines()[:3] == ["reading", "response", "radiance"]
+    assert captured.err.splitlines()[:3] == ["reading", "checks", "response"]
     assert "\x1b" not in captured.err
     for word in ("clipped", "interest", "disparity", "holes", "seconds", "64x40", "1/25 s", "out.exr"):
         assert word in captured.out
@@ -163,6 +163,14 @@ def test_truncated_files(files, capsys, keep):
     path = files / "right.png"
     path.write_bytes(path.read_bytes()[:keep])
     assert_refused(capsys, files, run_fuse(files), "right.png")
+
+
+def test_swapped_files(files, capsys):
+    pair = make_pair(60, 160, disparity=12)
+    write_png(files / "left.png", pair.right.codes)
+    write_png(files / "right.png", pair.left.codes)
+    assert_refused(capsys, files, run_fuse(files), "contradict")
+    assert_refused(capsys, files, run_fuse(files, times=("0.16", "0.04")), "look exchanged")
 
 
 def test_missing_files(files, capsys):

@@ -1,0 +1,56 @@
+"""How well two views agree: the share of matches that the other view confirms."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from stereohdr.disparity.census import census_transform, similarity_volume
+
+BOX = 9
+"""Side of the window that is summed before the best disparity is taken, pixels."""
+
+
+def consistent_share(
+    main: NDArray[np.float32],
+    auxiliary: NDArray[np.float32],
+    usable: NDArray[np.bool_],
+    *,
+    max_disparity: int,
+) -> float:
+    """Return the share of auxiliary pixels whose best match has them as its own best match.
+
+    A plain window match for checking a pair, on small images: memory is H x W x D floats.
+
+    Parameters
+    ----------
+    main, auxiliary
+        ``(H, W)`` float32 luminance or luma of both views.
+    usable
+        ``(H, W)`` bool, auxiliary pixels that count.
+    max_disparity
+        d_max, pixels; pixels whose search would leave the main view do not count.
+
+    Returns
+    -------
+    0..1, disparities that differ by at most 1 px count as the same; NaN when no pixel counts. Unrelated
+    images reach about 0.3 to 0.5 by chance.
+    """
+    width = main.shape[1]
+    similarity = similarity_volume(
+        census_transform(auxiliary), census_transform(main), max_disparity=max_disparity
+    ).astype(np.float32)
+    score = ndimage.uniform_filter1d(similarity, BOX, axis=0, mode="constant")
+    score = ndimage.uniform_filter1d(score, BOX, axis=1, mode="constant")
+    of_auxiliary = score.argmax(axis=2)
+    seen_from_main = np.zeros_like(score)
+    for d in range(max_disparity + 1):
+        seen_from_main[:, d:, d] = score[:, : width - d, d]
+    of_main = seen_from_main.argmax(axis=2)
+
+    column = np.arange(width)
+    partner = np.minimum(column + of_auxiliary, width - 1)
+    confirmed = np.abs(np.take_along_axis(of_main, partner, axis=1) - of_auxiliary) <= 1
+    counted = usable & (column + max_disparity < width)
+    return float(confirmed[counted].mean()) if counted.any() else float("nan")
