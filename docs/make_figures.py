@@ -34,7 +34,7 @@ def demo_figure() -> None:
     """Save the contact sheet of ``stereohdr demo``."""
     with tempfile.TemporaryDirectory() as folder:
         demo.demo_command(Path(folder), scene="motorcycle")
-        save("demo.jpg", np.asarray(Image.open(Path(folder) / "contact_sheet.png")), 1600)
+        save("demo.jpg", np.asarray(Image.open(Path(folder) / "demo_contact_sheet.png")), 1600)
 
 
 def method_figure() -> None:

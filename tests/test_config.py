@@ -52,13 +52,17 @@ def test_toml_sets_nested_fields_and_keeps_the_rest(tmp_path):
         ("[census]\nwindows = 3", r"census: unknown setting 'windows'"),
         ("max_disparity = 2.5", "max_disparity must be int"),
         ("max_disparity = true", "max_disparity must be int"),
-        ("max_disparity = -1", "max_disparity must be >= 0"),
+        ("max_disparity = -1", "max_disparity must be a whole number from 0 to 32766"),
         ("census = 7", "census is a table"),
         ("[census]\nwindow = 4", "3, 5 or 7, got 4"),
         ("[exposure_map]\nunder_threshold = 251", "under < over"),
-        ("[aggregation]\nsigma = nan", "sigma must be > 0"),
+        ("[aggregation]\nsigma = nan", "sigma must be from 0.001"),
         ("[edge_filter]\nrange_sigma = 'x'", "range_sigma must be float"),
         ("[lattice]\ntolerance = 6", "below the pitch"),
+        ("[response]\nsmoothness = inf", "smoothness must be from"),
+        ("[edge_filter]\niterations = 600", "iterations must be a whole number from 1 to 16"),
+        ("[candidates]\nbox = 37", "box must be a whole number from 1 to 35"),
+        ("max_disparity = 40000", "from 0 to 32766"),
         ("max_disparity = ", "not valid TOML"),
     ],
 )
@@ -90,3 +94,10 @@ def test_a_config_survives_its_own_dictionary():
     config = dataclasses.replace(PaperConfig(), max_disparity=9)
     values = dataclasses.asdict(config)
     assert config_from_mapping(PaperConfig, values) == config
+
+
+def test_whole_numbers_stay_whole_from_python():
+    with pytest.raises(ConfigError, match="whole number"):
+        PaperConfig(max_disparity=12.0)  # type: ignore[arg-type]
+    with pytest.raises(ConfigError, match="whole number"):
+        AggregationConfig(radius=True)

@@ -36,14 +36,14 @@ def test_unusable_codes_are_refused(codes, message):
         Photo(codes, 1.0)
 
 
-@pytest.mark.parametrize("value", [0.0, -1.0, float("nan"), float("inf")])
+@pytest.mark.parametrize("value", [0.0, -1.0, float("nan"), float("inf"), "fast", [1.0, 2.0]])
 @pytest.mark.parametrize("name", ["exposure_time", "f_number", "iso"])
 def test_exposure_values_must_be_positive_numbers(name, value):
-    with pytest.raises(ExposureError, match="positive"):
+    with pytest.raises(ExposureError, match=r"positive|must be a number"):
         Photo(np.zeros((2, 2), np.uint8), **{name: value})
 
 
-@pytest.mark.parametrize("white", [0, -5, 256])
+@pytest.mark.parametrize("white", [0, -5, 256, 200.5, "200"])
 def test_white_level_must_fit_the_type(white):
     with pytest.raises(InputError, match="white level"):
         Photo(np.zeros((2, 2), np.uint8), 1.0, white)
@@ -144,6 +144,8 @@ def test_curve_round_trip_through_json(tmp_path):
         json.dumps({"format": "stereohdr response", "log_exposure": [[0.0] * 255]}),
         json.dumps({"format": "stereohdr response", "log_exposure": [[float("nan")] * 256]}),
         json.dumps({"format": "stereohdr response", "log_exposure": [["x"] * 256]}),
+        json.dumps({"format": "stereohdr response", "log_exposure": [[10**400] * 256]}),
+        "[" * 200_000,
     ],
 )
 def test_files_that_are_no_curve_are_refused(tmp_path, text):
@@ -168,3 +170,39 @@ def test_disparity_validity_and_mirror():
     disparity = Disparity(np.array([[1, 2]], np.float32), np.array([[0, 1]], np.uint8))
     np.testing.assert_array_equal(disparity.valid, [[False, True]])
     np.testing.assert_array_equal(disparity.mirrored().values, [[2, 1]])
+
+
+@pytest.mark.parametrize("time", [1e-12, 1e12])
+def test_absurd_exposure_times_are_refused(time):
+    with pytest.raises(ExposureError, match="from 1e-09 to 1e\\+09"):
+        photo(time)
+
+
+def test_a_photo_keeps_its_own_copy_in_native_byte_order():
+    codes = np.full((2, 3), 300, dtype=">u2")
+    own = Photo(codes, 1.0)
+    codes[:] = 0
+    assert own.codes.dtype == np.uint16
+    assert (own.codes == 300).all()
+    with pytest.raises(ValueError, match="read-only"):
+        own.codes[0, 0] = 1
+
+
+def test_a_pair_is_made_of_photos():
+    with pytest.raises(InputError, match="two Photo objects, got a ndarray"):
+        StereoPair(photo(), np.zeros((4, 6, 3)))
+
+
+def test_representations_are_short():
+    assert repr(photo(0.25, name="a.png")) == "Photo('a.png', 6x4x3, white 255, 0.25 s)"
+
+
+@pytest.mark.parametrize("exponent", [-1.0, 0.0, 1e6, float("nan")])
+def test_gamma_curves_need_a_sensible_exponent(exponent):
+    with pytest.raises(ResponseError, match="exponent"):
+        ResponseCurve.gamma(exponent)
+
+
+def test_curves_beyond_float32_are_refused():
+    with pytest.raises(ResponseError, match="within"):
+        ResponseCurve(ResponseCurve.srgb().log_exposure * 1000)

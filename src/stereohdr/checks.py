@@ -11,17 +11,24 @@ from stereohdr.model import StereoPair
 from stereohdr.radiance import code_luma, exposure_map
 
 
-def unusable_view(pair: StereoPair) -> str | None:
+def unusable_view(pair: StereoPair, *, config: ExposureMapConfig | None = None) -> str | None:
     """Return a sentence about a view without a single well-exposed pixel, None if both have some."""
+    config = config or ExposureMapConfig()
     for photo in (pair.main_photo, pair.auxiliary_photo):
-        if exposure_map(photo).all():
-            config = ExposureMapConfig()
+        if exposure_map(photo, config=config).all():
             luma = code_luma(photo)
             dark = bool((luma < config.under_threshold).all())
             bright = bool((luma > config.over_threshold).all())
             state = "black" if dark else "white" if bright else "black or white"
             return f"{photo.name}: every pixel is {state}, so stereo cannot use it"
     return None
+
+
+CLEAR_RATIO = 1.5
+"""From this exposure ratio on, what one view sees and the other does not cannot outweigh the exposure."""
+
+SMALL_RATIO_SLACK = 8.0
+"""Codes (of 255) by which the longer exposure may be darker on average below `CLEAR_RATIO`."""
 
 
 def check_exposure_order(pair: StereoPair) -> None:
@@ -37,6 +44,10 @@ def check_exposure_order(pair: StereoPair) -> None:
     """
     exposures = pair.exposures
     photos = (pair.main_photo, pair.auxiliary_photo)
+    if np.array_equal(photos[0].codes, photos[1].codes):
+        raise ExposureError(
+            f"{pair.left.name} and {pair.right.name} hold the same picture; give the photos of two cameras"
+        )
     short, long = (photos[i] for i in np.argsort(exposures))
     levels = np.linspace(0.05, 0.95, 19)
     dark, bright = (np.quantile(code_luma(photo), levels) for photo in (short, long))
@@ -45,12 +56,25 @@ def check_exposure_order(pair: StereoPair) -> None:
         np.minimum(dark, bright) > config.over_threshold
     )
     difference = (bright - dark)[~clipped]
-    if difference.size and difference.mean() <= 0:
+    slack = 0.0 if pair.exposure_ratio >= CLEAR_RATIO else SMALL_RATIO_SLACK
+    if difference.size and difference.mean() <= -slack:
         raise ExposureError(
             f"the exposures contradict the photos: {long.name} should be the brighter one "
             f"({max(exposures):g} s against {min(exposures):g} s), but {short.name} is at least as bright; "
             f"check that exposures and photos are in the same order, left then right"
         )
+
+
+def doubtful_white_level(pair: StereoPair) -> str | None:
+    """Return a sentence when 16-bit codes use so few bits that the white level must be lower, else None."""
+    highest = max(int(photo.codes.max()) for photo in (pair.left, pair.right))
+    bits = highest.bit_length()
+    if min(pair.left.white, pair.right.white) < 65535 or bits > 14:
+        return None
+    return (
+        f"the highest 16-bit code of both photos is {highest}; if the camera delivers {max(bits, 10)} bits, give "
+        f"the white level {2 ** max(bits, 10) - 1} (command line: --white-level), or clipped pixels go unnoticed"
+    )
 
 
 VIEW_CHECK_WIDTH = 160
@@ -89,13 +113,17 @@ def check_views(pair: StereoPair) -> str | None:
 
     factor = max(1, round(pair.left.width / VIEW_CHECK_WIDTH))
     left, right = (_reduced(code_luma(photo), factor) for photo in (pair.left, pair.right))
-    usable = _reduced(exposure_map(pair.right).astype(np.float32), factor) < 0.5
-    height, width = usable.shape
+    usable_left, usable_right = (
+        _reduced(exposure_map(photo).astype(np.float32), factor) < 0.5 for photo in (pair.left, pair.right)
+    )
+    height, width = left.shape
     if height < VIEW_CHECK_SMALLEST[0] or width < VIEW_CHECK_SMALLEST[1]:
         return None
     reach = round(DEFAULT_DISPARITY_SHARE * width)
-    in_order = consistent_share(left, right, usable, max_disparity=reach)
-    exchanged = consistent_share(left[:, ::-1], right[:, ::-1], usable[:, ::-1], max_disparity=reach)
+    in_order = consistent_share(left, right, usable_left, usable_right, max_disparity=reach)
+    exchanged = consistent_share(
+        left[:, ::-1], right[:, ::-1], usable_left[:, ::-1], usable_right[:, ::-1], max_disparity=reach
+    )
     if exchanged > in_order + SWAPPED_MARGIN:
         raise InputError(
             f"{pair.left.name} and {pair.right.name} look exchanged: {100 * exchanged:.0f} % of the matches are "

@@ -27,15 +27,24 @@ def _require(condition: bool, name: str, value: object, accepted: str) -> None:
         raise ConfigError(f"{name} must be {accepted}, got {value!r}")
 
 
+def _require_number(name: str, value: float, low: float, high: float) -> None:
+    _require(low <= value <= high, name, value, f"from {low:g} to {high:g}")  # False for NaN, too
+
+
+def _require_whole(name: str, value: int, low: int, high: int) -> None:
+    whole = isinstance(value, int) and not isinstance(value, bool)
+    _require(whole and low <= value <= high, name, value, f"a whole number from {low} to {high}")
+
+
 @dataclass(frozen=True)
 class CdfResponseConfig:
     """Response from the two views' cumulative histograms (paper section 2.1, Debevec and Malik 1997)."""
 
     smoothness: float = 20.0
-    """Weight lambda of the second-difference rows, >= 0. Not given in the paper; our choice."""
+    """Weight lambda of the second-difference rows, 0.001 to 1e6. Not given in the paper; our choice."""
 
     def __post_init__(self) -> None:
-        _require(self.smoothness >= 0, "response.smoothness", self.smoothness, ">= 0")
+        _require_number("response.smoothness", self.smoothness, 1e-3, 1e6)
 
 
 @dataclass(frozen=True)
@@ -61,21 +70,22 @@ class LatticeConfig:
     """Super-pixel lattice (Moore et al. 2008, reference 20 of the paper)."""
 
     pitch: int = 6
-    """Distance of the nominal lattice lines in pixels ("strip size"), >= 2."""
+    """Distance of the nominal lattice lines in pixels ("strip size"), 2 to 1000."""
     tolerance: int = 4
-    """How far a path may leave its nominal line, in pixels ("energy tolerance"), 0 <= tolerance < pitch."""
+    """How far a path may leave its nominal line, in pixels ("energy tolerance"), 0 to 127, below the pitch."""
     smoothing_sigma: float = 1.0
-    """Sigma of the Gaussian before the Sobel filter, pixels, >= 0."""
+    """Sigma of the Gaussian before the Sobel filter, pixels, 0 to 100."""
 
     def __post_init__(self) -> None:
-        _require(self.pitch >= 2, "lattice.pitch", self.pitch, ">= 2")
+        _require_whole("lattice.pitch", self.pitch, 2, 1000)
+        _require_whole("lattice.tolerance", self.tolerance, 0, 127)
         _require(
             0 <= self.tolerance < self.pitch,
             "lattice.tolerance",
             self.tolerance,
             "at least 0, below the pitch",
         )
-        _require(self.smoothing_sigma >= 0, "lattice.smoothing_sigma", self.smoothing_sigma, ">= 0")
+        _require_number("lattice.smoothing_sigma", self.smoothing_sigma, 0, 100)
 
 
 @dataclass(frozen=True)
@@ -83,13 +93,14 @@ class MergingConfig:
     """Graph-based region merging (Felzenszwalb and Huttenlocher 2004, reference 21 of the paper)."""
 
     scale: float = 150.0
-    """k: larger values make larger segments; colour distance on the 0..255 scale, >= 0 ("control value")."""
+    """k: larger values make larger segments; colour distance on the 0..255 scale, 0 to 1e9 ("control
+    value")."""
     minimum_size: int = 1
     """Segments of fewer super-pixels are merged with their closest neighbour, >= 1."""
 
     def __post_init__(self) -> None:
-        _require(self.scale >= 0, "merging.scale", self.scale, ">= 0")
-        _require(self.minimum_size >= 1, "merging.minimum_size", self.minimum_size, ">= 1")
+        _require_number("merging.scale", self.scale, 0, 1e9)
+        _require_whole("merging.minimum_size", self.minimum_size, 1, 10**9)
 
 
 @dataclass(frozen=True)
@@ -99,11 +110,12 @@ class CensusConfig:
     window: int = 7
     """Side of the square window in pixels: 3, 5 or 7."""
     threshold: float = 0.08
-    """Just noticeable difference as a share of the centre's radiance (equation 4), >= 0."""
+    """Just noticeable difference as a share of the centre's radiance (equation 4), 0 to 1."""
 
     def __post_init__(self) -> None:
-        _require(self.window in (3, 5, 7), "census.window", self.window, "3, 5 or 7")
-        _require(self.threshold >= 0, "census.threshold", self.threshold, ">= 0")
+        _require_whole("census.window", self.window, 3, 7)
+        _require(self.window % 2 == 1, "census.window", self.window, "3, 5 or 7")
+        _require_number("census.threshold", self.threshold, 0, 1)
 
 
 @dataclass(frozen=True)
@@ -113,11 +125,12 @@ class CandidateConfig:
     share: float = 0.1
     """Candidates kept per pixel as a share of the largest disparity, 0 < share <= 1."""
     box: int = 5
-    """Side of the box filter on the similarity before the selection, odd, pixels."""
+    """Side of the box filter on the similarity before the selection, odd, 1 to 35 pixels."""
 
     def __post_init__(self) -> None:
         _require(0 < self.share <= 1, "candidates.share", self.share, "above 0, at most 1")
-        _require(self.box >= 1 and self.box % 2 == 1, "candidates.box", self.box, "odd and positive")
+        _require_whole("candidates.box", self.box, 1, 35)  # sums of 37x37 similarities would not fit uint16
+        _require(self.box % 2 == 1, "candidates.box", self.box, "odd")
 
     def count(self, max_disparity: int) -> int:
         """Return the number of candidates per pixel, at least 1."""
@@ -129,15 +142,15 @@ class AggregationConfig:
     """Aggregation inside segments (equations 6 to 8)."""
 
     radius: int = 17
-    """Half side of the square window in pixels, >= 0; 17 gives 35x35."""
+    """Half side of the square window in pixels, 0 to 255; 17 gives 35x35."""
     sigma: float = 17.0
-    """Decay length of the weight exp(-distance / sigma) in pixels, > 0."""
+    """Decay length of the weight exp(-distance / sigma) in pixels, 0.001 to 1e6."""
     squared_sigma: bool = False
     """Use exp(-distance / sigma^2), equation 6 to the letter: nearly flat, and measurably worse."""
 
     def __post_init__(self) -> None:
-        _require(0 <= self.radius <= 255, "aggregation.radius", self.radius, "0 to 255")
-        _require(self.sigma > 0, "aggregation.sigma", self.sigma, "> 0")
+        _require_whole("aggregation.radius", self.radius, 0, 255)
+        _require_number("aggregation.sigma", self.sigma, 1e-3, 1e6)
 
 
 @dataclass(frozen=True)
@@ -159,16 +172,16 @@ class DomainTransformConfig:
     """Recursive edge-preserving filter (Gastal and Oliveira 2011, reference 29 of the paper)."""
 
     spatial_sigma: float = 20.0
-    """sigma_s in pixels, > 0."""
+    """sigma_s in pixels, 0.001 to 1e6."""
     range_sigma: float = 0.0005
-    """sigma_r in radiance units: exposure X (1 at the mid code) per millisecond, > 0."""
+    """sigma_r in radiance units: exposure X (1 at the mid code) per millisecond, 1e-12 to 1e12."""
     iterations: int = 2
-    """N, >= 1."""
+    """N, 1 to 16."""
 
     def __post_init__(self) -> None:
-        _require(self.spatial_sigma > 0, "edge_filter.spatial_sigma", self.spatial_sigma, "> 0")
-        _require(self.range_sigma > 0, "edge_filter.range_sigma", self.range_sigma, "> 0")
-        _require(self.iterations >= 1, "edge_filter.iterations", self.iterations, ">= 1")
+        _require_number("edge_filter.spatial_sigma", self.spatial_sigma, 1e-3, 1e6)
+        _require_number("edge_filter.range_sigma", self.range_sigma, 1e-12, 1e12)
+        _require_whole("edge_filter.iterations", self.iterations, 1, 16)
 
 
 @dataclass(frozen=True)
@@ -186,11 +199,12 @@ class FuseConfig:
     max_disparity: int | None = None
     """d_max, the largest disparity that is searched, pixels, below the image width. None takes
     `DEFAULT_DISPARITY_SHARE` of the width."""
+    exposure_map: ExposureMapConfig = field(default_factory=ExposureMapConfig)
+    """Under- and over-exposed map S."""
 
     def __post_init__(self) -> None:
-        _require(
-            self.max_disparity is None or self.max_disparity >= 0, "max_disparity", self.max_disparity, ">= 0"
-        )
+        if self.max_disparity is not None:
+            _require_whole("max_disparity", self.max_disparity, 0, LARGEST_DISPARITY)
 
     def search_range(self, width: int) -> int:
         """Return d_max for images of `width` columns.
@@ -201,13 +215,16 @@ class FuseConfig:
             `max_disparity` is not below the width.
         """
         if self.max_disparity is None:
-            return min(width - 1, round(DEFAULT_DISPARITY_SHARE * width))
+            return min(width - 1, round(DEFAULT_DISPARITY_SHARE * width), LARGEST_DISPARITY)
         if self.max_disparity >= width:
             raise ConfigError(
                 f"the largest disparity must be below the image width {width}, got {self.max_disparity}"
             )
         return self.max_disparity
 
+
+LARGEST_DISPARITY = 32766
+"""Disparities are held in 16 bits while they are compared."""
 
 DEFAULT_DISPARITY_SHARE = 120 / 695
 """Search range as a share of the width when none is given: the paper's 120 px on 695 px wide images."""
@@ -219,8 +236,6 @@ class PaperConfig(FuseConfig):
 
     response: CdfResponseConfig = field(default_factory=CdfResponseConfig)
     """Inverse response from histograms; skipped when a response is given."""
-    exposure_map: ExposureMapConfig = field(default_factory=ExposureMapConfig)
-    """Under- and over-exposed map S."""
     lattice: LatticeConfig = field(default_factory=LatticeConfig)
     """Super-pixels."""
     merging: MergingConfig = field(default_factory=MergingConfig)

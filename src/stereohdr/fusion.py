@@ -55,7 +55,7 @@ def blend(
     weight
         ``(H, W)`` float32, 0..1; pixels of weight 0 keep `main` exactly.
     lowest
-        ``(C,)`` float32, smallest radiance that either photo can code; the unconstrained Poisson solution may
+        ``(C,)`` float32, smallest radiance that occurs in either photo; the unconstrained Poisson solution may
         fall below it, even below 0, and is raised to it.
 
     Returns

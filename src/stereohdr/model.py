@@ -32,6 +32,12 @@ RESPONSE_KNOTS = 256
 MID_KNOT = RESPONSE_KNOTS // 2
 """The knot at which ``ln X`` is 0 (Debevec's mid code)."""
 
+LARGEST_LOG_EXPOSURE = 40.0
+"""ln X of a response curve stays within plus and minus this, which float32 radiance can hold."""
+
+EXPOSURE_TIME_RANGE = (1e-9, 1e9)
+"""Exposure times in seconds that are taken seriously."""
+
 IDENTICAL_EXPOSURE_TOLERANCE = 0.01
 """Two exposures closer than this relative difference count as identical."""
 
@@ -48,7 +54,8 @@ class SourceFlag(IntEnum):
     FILLED_REJECTED = 3
     """Restored: the auxiliary pixel warped to this place did not fit the main view and was rejected."""
     NO_INFORMATION = 4
-    """Under- or over-exposed, and nothing to restore it from: the main view's radiance is kept."""
+    """Under- or over-exposed, and nothing was restored (or with a negligible weight): the main view's radiance is
+    kept."""
     WEIGHT_CUT = 5
     """Well exposed, but inside the soft border of the weight map where no auxiliary radiance exists: the
     main view's radiance is kept."""
@@ -101,6 +108,8 @@ class Photo:
 
     def __post_init__(self) -> None:
         codes = np.asarray(self.codes)
+        if codes.dtype.kind == "u" and not codes.dtype.isnative:
+            codes = codes.astype(codes.dtype.newbyteorder("="))
         if codes.dtype not in (np.uint8, np.uint16):
             raise InputError(
                 f"{self.name}: codes must be uint8 or uint16 as the camera delivered them, "
@@ -115,20 +124,38 @@ class Photo:
         if codes.size == 0:
             raise InputError(f"{self.name}: the image is empty, shape {codes.shape}")
         highest = int(np.iinfo(codes.dtype).max)
-        white = highest if self.white_level is None else int(self.white_level)
-        if not 3 <= white <= highest:
+        white = highest if self.white_level is None else self.white_level
+        if not isinstance(white, int | np.integer) or not 3 <= white <= highest:
             raise InputError(f"{self.name}: white level must be 3 to {highest} for {codes.dtype}, got {white}")
-        if white < highest:
-            codes = np.minimum(codes, codes.dtype.type(white))
+        codes = np.minimum(codes, codes.dtype.type(white))  # a copy: the caller may go on using the array
+        codes.flags.writeable = False
+        for name in ("exposure_time", "f_number", "iso"):
+            value = getattr(self, name)
+            if value is not None:
+                try:
+                    object.__setattr__(self, name, float(value))
+                except (TypeError, ValueError):
+                    raise ExposureError(f"{self.name}: {name} must be a number, got {value!r}") from None
+        shortest, longest = EXPOSURE_TIME_RANGE
+        if self.exposure_time is not None and not shortest <= self.exposure_time <= longest:
+            raise ExposureError(
+                f"{self.name}: exposure time must be a positive number of seconds from {shortest:g} to "
+                f"{longest:g}, got {self.exposure_time}"
+            )
         for label, value in (
-            ("exposure time", self.exposure_time),
             ("f-number", self.f_number),
             ("ISO", self.iso),
         ):
             if value is not None and not (math.isfinite(value) and value > 0):
                 raise ExposureError(f"{self.name}: {label} must be a positive number, got {value}")
         object.__setattr__(self, "codes", np.ascontiguousarray(codes))
-        object.__setattr__(self, "white_level", white)
+        object.__setattr__(self, "white_level", int(white))
+
+    def __repr__(self) -> str:
+        time = "unknown exposure" if self.exposure_time is None else f"{self.exposure_time:g} s"
+        return (
+            f"Photo({self.name!r}, {self.width}x{self.height}x{self.channels}, white {self.white_level}, {time})"
+        )
 
     @property
     def white(self) -> int:
@@ -181,6 +208,9 @@ class StereoPair:
 
     def __post_init__(self) -> None:
         left, right = self.left, self.right
+        for photo in (left, right):
+            if not isinstance(photo, Photo):
+                raise InputError(f"a pair is made of two Photo objects, got a {type(photo).__name__}")
         if self.main not in ("left", "right"):
             raise InputError(f"main view must be 'left' or 'right', got {self.main!r}")
         if (left.height, left.width) != (right.height, right.width):
@@ -221,7 +251,7 @@ class StereoPair:
         """Effective exposure times ``(main, auxiliary)`` in seconds.
 
         The auxiliary time is expressed at the main camera's f-number and ISO when both photos state them:
-        exposure value = time x (ISO / 100) / f_number^2, and only the ratio matters.
+        exposure value = time x (ISO / 100) / f_number^2.
         """
         main, auxiliary = self.main_photo, self.auxiliary_photo
         assert main.exposure_time is not None
@@ -266,7 +296,7 @@ class ResponseCurve:
     Raises
     ------
     ResponseError
-        Wrong shape, or a value that is not finite.
+        Wrong shape, or a value that is not finite or beyond +-40.
 
     Notes
     -----
@@ -281,8 +311,10 @@ class ResponseCurve:
             raise ResponseError(
                 f"a response curve has shape (1, {RESPONSE_KNOTS}) or (3, {RESPONSE_KNOTS}), got {curve.shape}"
             )
-        if not np.isfinite(curve).all():
-            raise ResponseError("a response curve must be finite at every code")
+        if not (np.abs(curve) <= LARGEST_LOG_EXPOSURE).all():
+            raise ResponseError(
+                f"a response curve must be finite and within +-{LARGEST_LOG_EXPOSURE:g} at every code"
+            )
         curve.flags.writeable = False
         object.__setattr__(self, "log_exposure", curve)
 
@@ -297,6 +329,8 @@ class ResponseCurve:
     @classmethod
     def gamma(cls, exponent: float = 2.2, channels: int = 3) -> Self:
         """Return the inverse of ``code = X ** (1 / exponent)``; exponent 1 is a linear sensor."""
+        if not 0.1 <= exponent <= 10:
+            raise ResponseError(f"the exponent of a gamma curve must be from 0.1 to 10, got {exponent}")
         code = np.arange(RESPONSE_KNOTS) / (RESPONSE_KNOTS - 1)
         code[0] = 0.5 * code[1]
         return cls(np.tile(exponent * np.log(code / code[MID_KNOT]), (channels, 1)))
@@ -371,7 +405,7 @@ class ResponseCurve:
             return cls(np.array(document["log_exposure"], dtype=np.float64))
         except OSError as error:
             raise FileFormatError(f"{path}: cannot read the response curve ({error.strerror})") from error
-        except (ValueError, KeyError, TypeError) as error:
+        except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
             reason = str(error) if isinstance(error, ResponseError) else "not a stereohdr response file"
             raise FileFormatError(f"{path}: {reason}; write one with ResponseCurve.save") from error
 
@@ -422,7 +456,7 @@ class HdrResult:
     config
         The effective configuration.
     statistics
-        Shares (0..1) and ranges for reports: ``clipped_share``, ``interest_share``, ``hole_share``, ...
+        Shares (0..1) and ranges for reports: ``clipped_share``, ``interest_share``, ...
     seconds
         Wall time by stage, in the order in which the stages ran.
     stages
@@ -451,6 +485,10 @@ class HdrResult:
     versions: Mapping[str, str] = field(default_factory=dict)
     exposures: tuple[float, float] = (math.nan, math.nan)
     main: View = "left"
+
+    def __repr__(self) -> str:
+        height, width, channels = self.radiance.shape
+        return f"HdrResult(method {self.method!r}, {width}x{height}x{channels}, main view {self.main})"
 
     def mirrored(self) -> Self:
         """Return the result seen in a mirror; undoes `StereoPair.mirrored`."""

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stereohdr.io.files import atomic_path
+from stereohdr.io.files import atomic_path, make_folder
 from stereohdr.io.images import write_png
 from stereohdr.model import HdrResult, Photo, SourceFlag
 from stereohdr.tone_mapping import tonemap
@@ -121,8 +121,7 @@ def save_stages(result: HdrResult, folder: str | Path) -> list[Path]:
     The files written: ``01_main_radiance.png``, ``01_main_radiance.npy``, ...; then the result itself, its
     source flags, and ``response.json``.
     """
-    folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
+    folder = make_folder(folder)
     arrays = {**result.stages, "result": result.radiance}
     pictures = stage_pictures(arrays)
     arrays["source"], pictures["source"] = result.source, source_colours(result.source)

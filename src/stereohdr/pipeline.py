@@ -11,14 +11,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stereohdr import __version__
-from stereohdr.checks import check_exposure_order, check_views, unusable_view
-from stereohdr.errors import ConfigError, ResponseError, StereoHdrError, StereoHdrWarning
+from stereohdr.checks import check_exposure_order, check_views, doubtful_white_level, unusable_view
+from stereohdr.errors import ConfigError, InputError, ResponseError, StereoHdrError, StereoHdrWarning
 from stereohdr.methods import get_method
+from stereohdr.model import ResponseCurve, StereoPair
 from stereohdr.stage_log import Progress, StageLog
 
 if TYPE_CHECKING:
     from stereohdr.config import FuseConfig
-    from stereohdr.model import HdrResult, ResponseCurve, StereoPair
+    from stereohdr.model import HdrResult
 
 DEFAULT_METHOD = "paper"
 
@@ -30,6 +31,7 @@ def fuse(
     *,
     response: ResponseCurve | None = None,
     keep_stages: bool = False,
+    checks: bool = True,
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> HdrResult:
@@ -47,6 +49,8 @@ def fuse(
         Known inverse response of the camera; estimated from the pair when None.
     keep_stages
         Keep every intermediate array in `HdrResult.stages`.
+    checks
+        Refuse swapped exposures and exchanged views, and warn of unrelated ones. False trusts the caller.
     threads
         Threads to use, all available by default. The result does not depend on it.
     progress
@@ -82,6 +86,10 @@ def fuse(
     >>> fuse(pair).radiance.shape
     (48, 64, 3)
     """
+    if not isinstance(pair, StereoPair):
+        raise InputError(f"fuse takes a StereoPair of two Photos, got a {type(pair).__name__}")
+    if threads is not None and (not isinstance(threads, int) or threads < 1):
+        raise ConfigError(f"threads must be a whole number from 1 on, or None for all, got {threads!r}")
     chosen = get_method(method)
     config = chosen.config_type() if config is None else config
     if not isinstance(config, chosen.config_type):
@@ -89,6 +97,8 @@ def fuse(
             f"method {method!r} takes a {chosen.config_type.__name__}, got a {type(config).__name__}"
         )
     config.search_range(pair.main_photo.width)
+    if response is not None and not isinstance(response, ResponseCurve):
+        raise ResponseError(f"response must be a ResponseCurve (see ResponseCurve.load), got {response!r}")
     if response is not None and response.channels != pair.main_photo.channels:
         raise ResponseError(
             f"the response curve has {response.channels} channel(s), the photos have "
@@ -96,24 +106,24 @@ def fuse(
         )
 
     log = StageLog(progress=progress, keep_arrays=keep_stages)
-    problem = unusable_view(pair)
-    if problem is None:
-        check_exposure_order(pair)
-        with log.stage("checks"):
-            doubt = check_views(pair)
-        if doubt is not None:
-            log.warn(doubt)
-        run = chosen.load()
-    else:
-        from stereohdr.methods.main_view import keep_main_view as run
-
-        log.warn(f"{problem}; the result is the main view's own radiance")
+    with log.stage("checks"):
+        problem = unusable_view(pair, config=config.exposure_map)
+        if problem is not None:
+            log.warn(f"{problem}; the result is the main view's own radiance")
+            chosen = get_method("mv-only")
+        elif checks:
+            check_exposure_order(pair)
+            for doubt in (doubtful_white_level(pair), check_views(pair)):
+                if doubt is not None:
+                    log.warn(doubt)
+    run = chosen.load()
 
     left = pair if pair.main == "left" else pair.mirrored()
     result = run(left, config, response=response, log=log, threads=threads)
+    if not result.response.is_monotone:
+        log.warn("the response curve does not rise everywhere; radiance is not reliable where it falls")
     result = replace(
         result,
-        method=method,
         config=config,
         seconds=log.seconds,
         stages=log.arrays,

@@ -15,7 +15,7 @@ from stereohdr.model import HdrResult, Photo, SourceFlag, StereoPair
 
 def exposure_text(seconds: float) -> str:
     """Return an exposure time as photographers write it: ``1/60 s``, ``2 s``."""
-    if seconds < 0.3 and abs(1 / seconds - round(1 / seconds)) < 0.01 / seconds:
+    if seconds < 0.3 and abs(1 / seconds - round(1 / seconds)) < 0.001 / seconds:
         return f"1/{round(1 / seconds)} s"
     return f"{seconds:g} s"
 
@@ -40,7 +40,11 @@ def attributes(result: HdrResult) -> dict[str, Any]:
 def document(result: HdrResult, pair: StereoPair) -> dict[str, Any]:
     """Return everything but the pixels, ready for JSON."""
     return {
-        **attributes(result),
+        "software": attributes(result)["software"],
+        "method": result.method,
+        "main": result.main,
+        "exposure_times": {"main": result.exposures[0], "auxiliary": result.exposures[1]},
+        "exposure_ratio": pair.exposure_ratio,
         "size": [pair.left.width, pair.left.height],
         "channels": pair.left.channels,
         "left": pair.left.name,
@@ -64,18 +68,20 @@ def write_json(path: str | Path, content: dict[str, Any]) -> None:
 def summary(result: HdrResult, pair: StereoPair) -> list[str]:
     """Return the closing lines of a run, for people."""
 
-    def view(photo: Photo, time: float) -> str:
-        return f"{photo.name} at {exposure_text(time)}"
+    def view(photo: Photo) -> str:
+        iso = f", ISO {photo.iso:g}" if photo.iso else ""
+        aperture = f", f/{photo.f_number:g}" if photo.f_number else ""
+        return f"{photo.name} at {exposure_text(photo.exposure_time or 0)}{iso}{aperture}"
 
     def percent(name: str) -> str:
         return f"{100 * result.statistics[name]:.1f} %"
 
-    t_main, t_auxiliary = result.exposures
     colour = "grey" if pair.left.channels == 1 else "RGB"
     lines = [
         f"method     {result.method}, result in the {result.main} view",
-        f"main       {view(pair.main_photo, t_main)}",
-        f"auxiliary  {view(pair.auxiliary_photo, t_auxiliary)}, exposure ratio {pair.exposure_ratio:.3g}",
+        f"main       {view(pair.main_photo)}",
+        f"auxiliary  {view(pair.auxiliary_photo)}",
+        f"exposure   ratio {pair.exposure_ratio:.3g}",
         f"size       {pair.left.width}x{pair.left.height} {colour}, white level {pair.left.white}",
         f"clipped    {percent('clipped_share')} of the main view is under- or over-exposed",
     ]

@@ -17,14 +17,12 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 import numpy as np
 
 from stereohdr.errors import ConfigError, InputError
+from stereohdr.radiance import REC709
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 Operator = Literal["reinhard", "log", "linear"]
-
-LUMINANCE_WEIGHTS = (0.2126, 0.7152, 0.0722)
-"""Luminance of linear RGB with BT.709 primaries."""
 
 LINEAR_WHITE_PERCENTILE = 99.0
 """``linear`` without an exposure shows this percentile of the luminance as white."""
@@ -69,7 +67,7 @@ def tonemap(
     exposure
         Linear: factor on the radiance, > 0; by default such that the 99th percentile of the luminance is white.
     saturation
-        Exponent of the colour ratio, >= 0; 0 gives grey, 1 keeps the ratios of the scene.
+        Exponent of the colour ratio, 0 to 10; 0 gives grey, 1 keeps the ratios of the scene.
 
     Returns
     -------
@@ -137,16 +135,16 @@ def _check_parameters(
             raise ConfigError(f"tone mapping: {name} must be a positive number that float32 holds, got {value}")
     if not 0 < bias < 1:
         raise ConfigError(f"tone mapping: bias must be above 0 and below 1, got {bias}")
-    if not (math.isfinite(saturation) and saturation >= 0):
-        raise ConfigError(f"tone mapping: saturation must be a number >= 0, got {saturation}")
+    if not 0 <= saturation <= 10:
+        raise ConfigError(f"tone mapping: saturation must be a number from 0 to 10, got {saturation}")
 
 
 def _luminance(image: NDArray[Any]) -> NDArray[np.float64]:
-    """Return ``(H, W)`` luminance."""
+    """Return ``(H, W)`` luminance in double precision: float32 could overflow."""
     if image.shape[2] == 1:
         return image[..., 0].astype(np.float64)
     luminance = np.zeros(image.shape[:2])
-    for channel, weight in enumerate(LUMINANCE_WEIGHTS):
+    for channel, weight in enumerate(REC709.astype(np.float64)):
         luminance += weight * image[..., channel].astype(np.float64)
     return luminance
 

@@ -48,12 +48,12 @@ def test_demo_without_scikit_image_uses_the_room_and_says_so(tmp_path, capsys, m
     assert "scikit-image is not installed" in captured.err
     assert "inside S" in captured.out
     assert sorted(p.name for p in (tmp_path / "d").iterdir()) == [
-        "contact_sheet.png",
         "demo.json",
-        "left.png",
-        "result.exr",
-        "result.png",
-        "right.png",
+        "demo_contact_sheet.png",
+        "demo_left.png",
+        "demo_result.exr",
+        "demo_result.png",
+        "demo_right.png",
     ]
     scores = json.loads((tmp_path / "d" / "demo.json").read_text())["log2_rmse"]
     assert scores["result"]["inside_s"] < scores["main view only"]["inside_s"]
@@ -63,6 +63,7 @@ def test_demo_without_scikit_image_uses_the_room_and_says_so(tmp_path, capsys, m
 
 def test_demo_refuses_unknown_scenes_and_files_as_folders(tmp_path, capsys):
     assert run("demo", "-o", tmp_path / "d", "--scene", "moon") == 2
+    assert not (tmp_path / "d").exists()
     (tmp_path / "file").write_text("x")
     assert run("demo", "-o", tmp_path / "file") == 2
 

@@ -43,7 +43,7 @@ def test_strips_and_threads_equal_the_steps_on_the_whole_image(threads, strip_ro
     volume = similarity_volume(census_transform(auxiliary), census_transform(main), max_disparity=15)
     found = select_candidates(volume, interest)
     expected = winner_takes_all(aggregate_in_segments(volume, segments, found), found)
-    monkeypatch.setattr(segment_matching, "STRIP_ROWS", strip_rows)
+    monkeypatch.setattr(segment_matching, "STRIP_ROWS", (strip_rows, strip_rows))
     got = estimate_disparity(auxiliary, main, segments, interest, max_disparity=15, threads=threads)
     np.testing.assert_array_equal(got.values, np.maximum(expected, 0))
     np.testing.assert_array_equal(got.valid, expected >= 0)

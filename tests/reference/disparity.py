@@ -1,5 +1,7 @@
 """Twins of stereohdr.disparity._kernels."""
 
+import itertools
+
 import numpy as np
 
 
@@ -50,8 +52,12 @@ def candidate_rows(volume, wanted, box_radius, offset, candidates):
             left = max(0, x - box_radius)
             box = volume[top : y + offset + box_radius + 1, left : x + box_radius + 1].astype(int)
             score = box.sum(axis=(0, 1))[: min(disparities, width - x)]
-            bordered = np.concatenate([[-1], score, [-1]])
-            maxima = np.flatnonzero((score > bordered[:-2]) & (score >= bordered[2:]))
+            maxima = []
+            runs = [list(run) for _, run in itertools.groupby(range(len(score)), key=lambda d: score[d])]
+            for before, run, after in zip([None, *runs], runs, [*runs[1:], None], strict=False):
+                higher_than = [score[other[0]] for other in (before, after) if other]
+                if all(score[run[0]] > value for value in higher_than):
+                    maxima.append(run[0])
             best = sorted(maxima, key=lambda d: (-score[d], d))[: candidates.shape[2]]
             candidates[y, x, : len(best)] = best
 

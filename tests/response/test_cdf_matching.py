@@ -4,35 +4,31 @@ import pytest
 from stereohdr import Photo, StereoPair
 from stereohdr.errors import ResponseError
 from stereohdr.response import cdf_sample_pairs, estimate_response
-from stereohdr.response.cdf_matching import knot_codes
+from stereohdr.response.cdf_matching import knot_codes, knot_histograms
 
 from conftest import make_pair
 
 
+def histogram(codes):
+    return np.bincount(codes, minlength=256)
+
+
 def test_pairs_have_equal_cumulative_frequency_by_hand():
-    main = np.array([10, 10, 20, 30])
-    auxiliary = np.array([40, 80, 80, 120])
-    # H_m: .5 at 10, .75 at 20, 1 at 30. H_a: .25 at 40, .75 at 80, 1 at 120.
-    pairs = cdf_sample_pairs(main, auxiliary)
-    # At u = 0.5 and below 0.25 the nearest of H_m is 0 at code 0, which is clipped and dropped.
-    for u, expected in ((0.3, (10, 40)), (0.6, (10, 80)), (0.8, (20, 80)), (0.95, (30, 120))):
-        i = round(u * 255)
-        distances = [abs(np.array([0.5, 0.75, 1.0]) - i / 255), abs(np.array([0.25, 0.75, 1.0]) - i / 255)]
-        assert (
-            np.array([10, 20, 30])[distances[0].argmin()],
-            np.array([40, 80, 120])[distances[1].argmin()],
-        ) == expected
-        assert expected in {tuple(p) for p in pairs.tolist()}
-    assert set(pairs[:, 0]) == {10, 20, 30}
-    assert set(pairs[:, 1]) == {40, 80, 120}
+    # H_m: 0.5 at 10, 0.75 at 20, 1 at 30. H_a: 0.25 at 40, 0.75 at 80, 1 at 120. Nearest levels below 0.25
+    # (main) and 0.125 (auxiliary) are code 0, which is clipped.
+    pairs = cdf_sample_pairs(histogram([10, 10, 20, 30]), histogram([40, 80, 80, 120]))
+    assert len(pairs) == 192  # u_i from 64 / 255 on
+    assert {tuple(pair) for pair in pairs.tolist()} == {(10, 40), (10, 80), (20, 80), (30, 120)}
+    counts = {pair: pairs.tolist().count(list(pair)) for pair in ((10, 40), (10, 80), (20, 80), (30, 120))}
+    # u: 64..127 -> (10, 40); 128..159 -> (10, 80); 160..223 -> (20, 80); 224..255 -> (30, 120).
+    assert counts == {(10, 40): 64, (10, 80): 32, (20, 80): 64, (30, 120): 32}
 
 
 def test_pairs_with_a_clipped_code_are_dropped():
-    main = np.repeat([0, 50, 100], [30, 40, 30])
-    auxiliary = np.repeat([60, 120, 255], [30, 40, 30])
+    main = histogram(np.repeat([0, 50, 100], [30, 40, 30]))
+    auxiliary = histogram(np.repeat([60, 120, 255], [30, 40, 30]))
     pairs = cdf_sample_pairs(main, auxiliary)
-    assert ((pairs > 0) & (pairs < 255)).all()
-    assert (50, 120) in {tuple(p) for p in pairs.tolist()}
+    assert {tuple(pair) for pair in pairs.tolist()} == {(50, 120)}
 
 
 def test_estimated_curve_is_close_to_the_cameras():
@@ -51,7 +47,15 @@ def test_scaling_both_exposure_times_changes_nothing():
 
 def test_deep_codes_are_rounded_to_knots():
     codes = np.array([[0, 8, 9, 2048, 4095]], dtype=np.uint16)
-    np.testing.assert_array_equal(knot_codes(Photo(codes, 1.0, 4095))[..., 0], [[0, 0, 1, 128, 255]])
+    np.testing.assert_array_equal(knot_codes(codes, 4095), [[0, 0, 1, 128, 255]])
+    counts = knot_histograms(Photo(codes, 1.0, 4095))
+    assert counts.shape == (1, 256)
+    assert dict(zip(*np.unique(np.repeat(np.arange(256), counts[0]), return_counts=True), strict=True)) == {
+        0: 2,
+        1: 1,
+        128: 1,
+        255: 1,
+    }
 
 
 def test_a_channel_without_information_takes_the_mean_of_the_others():

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import warnings
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import Annotated
 
 import typer
@@ -51,25 +52,25 @@ def main(arguments: Sequence[str] | None = None) -> None:
     arguments
         Without the program's name; `sys.argv` by default.
     """
-    with warnings.catch_warnings():
+    status, message = EXIT_FAILURE, None
+    with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", StereoHdrWarning)
-        show = warnings.showwarning
-
-        def show_notice(message, category, *args, **more) -> None:
-            if issubclass(category, StereoHdrWarning):
-                typer.echo(f"warning: {message}", err=True)
-            else:
-                show(message, category, *args, **more)
-
-        warnings.showwarning = show_notice
         try:
             app(args=None if arguments is None else list(arguments))
+        except SystemExit as stop:
+            status = stop.code
         except InputError as error:
-            typer.echo(f"error: {error}", err=True)
-            sys.exit(EXIT_BAD_INPUT)
+            status, message = EXIT_BAD_INPUT, str(error)
         except StereoHdrError as error:
-            typer.echo(f"error: {error}", err=True)
-            sys.exit(EXIT_FAILURE)
+            message = str(error)
         except MemoryError:
-            typer.echo("error: not enough memory for images of this size; reduce them first", err=True)
-            sys.exit(EXIT_FAILURE)
+            message = "not enough memory for images of this size; reduce them first"
+        except OSError as error:  # what is left is standard output: closed, or a full disk behind it
+            message = f"cannot write the report ({error.strerror or error})"
+    with suppress(OSError):
+        # Shown at the end, so that they do not collide with the progress display.
+        for notice in caught:
+            typer.echo(f"warning: {notice.message}", err=True)
+        if message is not None:
+            typer.echo(f"error: {message}", err=True)
+    sys.exit(status)

@@ -38,18 +38,12 @@ def demo_command(
 ) -> None:
     """Fuse a simulated pair whose truth is known, and show every step on a contact sheet."""
     from stereohdr.cli.progress import show_progress
-    from stereohdr.errors import FileFormatError
-
-    if output.exists() and not output.is_dir():
-        raise FileFormatError(f"{output}: is a file; give the name of a folder")
-    try:
-        output.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise FileFormatError(f"{output}: cannot create the folder ({error.strerror})") from error
+    from stereohdr.io.files import make_folder
 
     with show_progress() as progress:
         progress("scene")
         truth = _scene(scene)
+        make_folder(output)
         from stereohdr import report
         from stereohdr.config import PaperConfig
         from stereohdr.io import write_hdr
@@ -77,13 +71,13 @@ def demo_command(
             }
 
         progress("pictures")
-        write_png(output / "left.png", codes_picture(pair.left))
-        write_png(output / "right.png", codes_picture(pair.right))
-        write_hdr(output / "result.exr", result.radiance, attributes=report.attributes(result))
-        write_png(output / "result.png", tonemap(result.radiance))
+        write_png(output / "demo_left.png", codes_picture(pair.left))
+        write_png(output / "demo_right.png", codes_picture(pair.right))
+        write_hdr(output / "demo_result.exr", result.radiance, attributes=report.attributes(result))
+        write_png(output / "demo_result.png", tonemap(result.radiance))
         title = f"stereohdr demo: {truth.name}, exposures 16:1, method {result.method}"
         tiles = _tiles(pair, result, truth, errors, scores)
-        write_png(output / "contact_sheet.png", contact_sheet(tiles, title=title))
+        write_png(output / "demo_contact_sheet.png", contact_sheet(tiles, title=title))
         content = {**report.document(result, pair), "scene": truth.name, "log2_rmse": scores}
         report.write_json(output / "demo.json", content)
 
@@ -93,7 +87,7 @@ def demo_command(
     typer.echo(f"{'':16}{'inside S':>10}{'outside S':>11}{'all':>8}")
     for name, score in scores.items():
         typer.echo(f"{name:16}{score['inside_s']:10.3f}{score['outside_s']:11.3f}{score['all']:8.3f}")
-    typer.echo(f"\nopen {output / 'contact_sheet.png'} to see every step")
+    typer.echo(f"\nopen {output / 'demo_contact_sheet.png'} to see every step")
 
 
 def _scene(name: str | None) -> DemoScene:
@@ -174,10 +168,10 @@ def _tiles(pair: Any, result: Any, truth: DemoScene, errors: dict, scores: dict)
         ("segments of the main view", segment_colours(stages["main_segments"])),
         ("disparity of the auxiliary view", heat(stages["auxiliary_disparity"], high=truth.max_disparity)),
         ("weight of the auxiliary view", heat(stages["weight"])),
-        ("source: kept, from AV, filled", source_colours(result.source)),
+        ("source: grey main, green auxiliary, others filled", source_colours(result.source)),
         ("truth", true_view),
         (f"main view only: {scores['main view only']['inside_s']:.2f} stops off in S", main_only),
         (f"result: {scores['result']['inside_s']:.2f} stops off in S", fused),
-        ("error of main view only, -1 to 1 stop", diverging(errors["main view only"], limit=1.0)),
-        ("error of the result, -1 to 1 stop", diverging(errors["result"], limit=1.0)),
+        ("main view only: blue 1 stop too dark, red too bright", diverging(errors["main view only"], limit=1.0)),
+        ("result: blue 1 stop too dark, red too bright", diverging(errors["result"], limit=1.0)),
     ]

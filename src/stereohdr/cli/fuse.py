@@ -20,14 +20,19 @@ class Side(StrEnum):
 
 
 def fuse_command(
-    left: Annotated[Path, typer.Argument(help="Photo of the left camera: PNG, JPEG or TIFF, 8 or 16 bit.")],
-    right: Annotated[Path, typer.Argument(help="Photo of the right camera, rectified to the left one.")],
+    left: Annotated[
+        Path, typer.Argument(metavar="LEFT", help="Photo of the left camera: PNG, JPEG or TIFF, 8 or 16 bit.")
+    ],
+    right: Annotated[
+        Path, typer.Argument(metavar="RIGHT", help="Photo of the right camera, rectified to the left one.")
+    ],
     output: Annotated[Path, typer.Option("-o", "--output", help="HDR image to write: .exr, .hdr, .pfm or .npy.")],
     exposures: Annotated[
         tuple[str, str] | None,
         typer.Option(
             metavar="T_LEFT T_RIGHT",
-            help="Exposure times in seconds or as fractions (1/60); read from EXIF when not given.",
+            help="Exposure times in seconds or as fractions (1/60); from EXIF when not given. ISO and f-number "
+            "from EXIF count, too, when both photos have them.",
         ),
     ] = None,
     main: Annotated[Side, typer.Option(help="The view in which the result is made.")] = Side.LEFT,
@@ -56,19 +61,21 @@ def fuse_command(
     threads: Annotated[
         int | None, typer.Option(metavar="N", min=1, help="Threads; the result does not depend on it.")
     ] = None,
+    checks: Annotated[
+        bool, typer.Option(help="Refuse swapped exposures and exchanged views; --no-checks trusts you.")
+    ] = True,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress and no summary.")] = False,
 ) -> None:
     """Fuse a rectified stereo pair taken at two exposures into one HDR image."""
     from stereohdr.cli.progress import show_progress
+    from stereohdr.io.files import make_folder
     from stereohdr.io.hdr import check_hdr_path
 
     start = time.perf_counter()
     check_hdr_path(output)
     if preview is not None and preview.suffix.lower() != ".png":
         raise FileFormatError(f"{preview}: the preview is a PNG picture; give a name that ends in .png")
-    if save_stages is not None and save_stages.exists() and not save_stages.is_dir():
-        raise FileFormatError(f"{save_stages}: is a file; give the name of a folder")
-    _check_outputs([output, preview, json_file], [left, right, config, response])
+    check_outputs([output, preview, json_file], [left, right, config, response], folder=save_stages)
 
     with show_progress(quiet=quiet) as progress:
         progress("reading")
@@ -78,12 +85,15 @@ def fuse_command(
 
         settings = _settings(method, config, max_disparity)
         curve = ResponseCurve.load(response) if response else None
+        if save_stages is not None:
+            make_folder(save_stages)
         result = fuse(
             pair,
             method,
             settings,
             response=curve,
             keep_stages=save_stages is not None,
+            checks=checks,
             threads=threads,
             progress=progress,
         )
@@ -111,19 +121,41 @@ def fuse_command(
         typer.echo(f"wrote      {', '.join(map(str, written))} ({time.perf_counter() - start:.2f} s in all)")
 
 
-def _check_outputs(outputs: list[Path | None], inputs: list[Path | None]) -> None:
-    """Refuse to overwrite an input, to write one file twice, or to write where there is no folder."""
+def check_outputs(outputs: list[Path | None], inputs: list[Path | None], *, folder: Path | None = None) -> None:
+    """Refuse, before anything is computed, outputs that cannot be written or would replace another file.
+
+    Parameters
+    ----------
+    outputs, inputs
+        Files that will be written, and files that are read; None for options that are not used.
+    folder
+        Folder that gets many files: neither an input nor another output may be in it.
+
+    Raises
+    ------
+    InputError
+        An output is an input, or two outputs are the same.
+    FileFormatError
+        An output cannot be written.
+    """
+    from stereohdr.io.files import check_output
+
     used = {path.resolve(): path for path in inputs if path is not None}
     for path in outputs:
         if path is None:
             continue
+        check_output(path)
         if path.resolve() in used:
             raise InputError(
                 f"{path}: would overwrite {used[path.resolve()]}; give every output a name of its own"
             )
-        if not path.parent.is_dir():
-            raise FileFormatError(f"{path}: the folder {path.parent} does not exist; create it first")
         used[path.resolve()] = path
+    if folder is not None:
+        for resolved, path in used.items():
+            if resolved.parent == folder.resolve():
+                raise InputError(
+                    f"{path}: is inside {folder}, whose files will be replaced; choose another folder"
+                )
 
 
 def _read_pair(left: Path, right: Path, exposures: tuple[str, str] | None, main: Side, white_level: int | None):

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 from stereohdr.stage_log import Progress
 
@@ -14,13 +15,23 @@ def show_progress(*, quiet: bool = False) -> Iterator[Progress]:
     """Give a function that is called with the name of each stage as it starts; writes to standard error."""
     if quiet:
         yield lambda stage: None
-        return
+    elif sys.stderr is not None and sys.stderr.isatty():
+        with _spinner() as report:
+            yield report
+    else:
+        yield _plain_line
+
+
+def _plain_line(stage: str) -> None:
+    with suppress(OSError, AttributeError):  # nobody reads it any more: no reason to lose the result
+        print(stage, file=sys.stderr, flush=True)
+
+
+@contextmanager
+def _spinner() -> Iterator[Progress]:
     from rich.console import Console
 
     console = Console(stderr=True, highlight=False)
-    if not console.is_terminal:
-        yield lambda stage: console.print(stage, soft_wrap=True)
-        return
     with console.status("starting") as status:
         current: list[tuple[str, float]] = []
 

@@ -6,11 +6,12 @@ No fastmath: contraction would change census codes.
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
+from stereohdr.kernels import kernel
 
-@numba.njit(nogil=True, cache=True)
+
+@kernel
 def census_planes(padded, radius, threshold, start, stop, planes):
     """Fill rows `start` to `stop` of `planes`, ``(2, H, W)`` uint64, from an edge-padded luminance.
 
@@ -39,7 +40,7 @@ def census_planes(padded, radius, threshold, start, stop, planes):
                 bit += np.uint64(1)
 
 
-@numba.njit(nogil=True, cache=True)
+@kernel
 def similarity_rows(auxiliary, main, codes, start, stop, volume):
     """Fill ``volume[y - start, x, d]``, uint8, with the number of equal codes of x and x + d; 0 outside.
 
@@ -69,7 +70,7 @@ def similarity_rows(auxiliary, main, codes, start, stop, volume):
             cell[valid:] = 0
 
 
-@numba.njit(nogil=True, cache=True)
+@kernel
 def candidate_rows(volume, wanted, box_radius, offset, candidates):
     """Fill ``candidates[y, x, :]``, int16, with the best local maxima over d of the box-filtered similarity.
 
@@ -80,7 +81,7 @@ def candidate_rows(volume, wanted, box_radius, offset, candidates):
     rows, width, disparities = volume.shape
     count = candidates.shape[2]
     columns = np.zeros((width, disparities), dtype=np.uint16)
-    score = np.zeros(disparities + 1, dtype=np.uint16)
+    score = np.zeros(disparities, dtype=np.uint16)
     kept = np.zeros(count, dtype=np.uint16)
     for y in range(candidates.shape[0]):
         any_wanted = False
@@ -105,14 +106,16 @@ def candidate_rows(volume, wanted, box_radius, offset, candidates):
                 total = columns[xx]
                 for d in range(valid):
                     score[d] += total[d]
-            score[valid] = 0
             found = candidates[y, x]
             filled = 0
             for d in range(valid):
                 s = score[d]
-                falling = d == valid - 1 or s >= score[d + 1]
-                rising = d == 0 or s > score[d - 1]
-                if not (falling and rising):
+                if d > 0 and s <= score[d - 1]:
+                    continue
+                end = d + 1  # of the plateau that begins at d
+                while end < valid and score[end] == s:
+                    end += 1
+                if end < valid and score[end] > s:
                     continue
                 if filled == count and s <= kept[count - 1]:
                     continue
@@ -127,7 +130,7 @@ def candidate_rows(volume, wanted, box_radius, offset, candidates):
                     filled += 1
 
 
-@numba.njit(nogil=True, cache=True)
+@kernel
 def aggregate_rows(volume, segments, candidates, weights, start, offset, scores):
     """Fill ``scores[y, x, k]``, float32, with the weighted mean similarity of candidate k (equation 7).
 

@@ -12,10 +12,15 @@ BOX = 9
 """Side of the window that is summed before the best disparity is taken, pixels."""
 
 
+LEAST_COUNTED = 0.05
+"""Share of the pixels that must count for the answer to mean anything."""
+
+
 def consistent_share(
     main: NDArray[np.float32],
     auxiliary: NDArray[np.float32],
-    usable: NDArray[np.bool_],
+    usable_main: NDArray[np.bool_],
+    usable_auxiliary: NDArray[np.bool_],
     *,
     max_disparity: int,
 ) -> float:
@@ -27,14 +32,14 @@ def consistent_share(
     ----------
     main, auxiliary
         ``(H, W)`` float32 luminance or luma of both views.
-    usable
-        ``(H, W)`` bool, auxiliary pixels that count.
+    usable_main, usable_auxiliary
+        ``(H, W)`` bool, well-exposed pixels. An auxiliary pixel counts if it and most of its search range are.
     max_disparity
         d_max, pixels; pixels whose search would leave the main view do not count.
 
     Returns
     -------
-    0..1, disparities that differ by at most 1 px count as the same; NaN when no pixel counts. Unrelated
+    0..1, disparities that differ by at most 1 px count as the same; NaN when hardly any pixel counts. Unrelated
     images reach about 0.3 to 0.5 by chance.
     """
     width = main.shape[1]
@@ -52,5 +57,8 @@ def consistent_share(
     column = np.arange(width)
     partner = np.minimum(column + of_auxiliary, width - 1)
     confirmed = np.abs(np.take_along_axis(of_main, partner, axis=1) - of_auxiliary) <= 1
-    counted = usable & (column + max_disparity < width)
-    return float(confirmed[counted].mean()) if counted.any() else float("nan")
+    last = np.minimum(column + max_disparity + 1, width)
+    before = np.pad(np.cumsum(usable_main, axis=1), ((0, 0), (1, 0)))
+    range_usable = before[:, last] - before[:, column] > 0.5 * (max_disparity + 1)
+    counted = usable_auxiliary & range_usable & (column + max_disparity < width)
+    return float(confirmed[counted].mean()) if counted.mean() > LEAST_COUNTED else float("nan")

@@ -12,8 +12,11 @@ from stereohdr.disparity.census import census_transform, similarity_volume
 from stereohdr.model import Disparity, DisparityFlag
 from stereohdr.strips import run_strips
 
-STRIP_ROWS = 48
-"""Rows matched at a time: bounds the memory of the similarity volume."""
+STRIP_BYTES = 64 * 2**20
+"""Similarity volume that one thread holds at a time, as far as `STRIP_ROWS` allows."""
+
+STRIP_ROWS = (16, 48)
+"""Fewest and most rows matched at a time, without the margin."""
 
 
 def estimate_disparity(
@@ -79,6 +82,8 @@ def estimate_disparity(
         )
         winner[start:stop] = winner_takes_all(scores, found)
 
-    run_strips(task, height, strip_rows=STRIP_ROWS, threads=threads)
+    fewest, most = STRIP_ROWS
+    affordable = STRIP_BYTES // (width * (max_disparity + 1)) - 2 * margin
+    run_strips(task, height, strip_rows=min(max(affordable, fewest), most), threads=threads)
     flags = np.where(winner >= 0, DisparityFlag.MATCHED, DisparityFlag.NOT_COMPUTED).astype(np.uint8)
     return Disparity(np.maximum(winner, 0).astype(np.float32), flags)

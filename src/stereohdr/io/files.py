@@ -1,13 +1,35 @@
-"""Writing files so that nobody ever sees half of one."""
+"""Writing files so that nobody ever sees half of one, and saying early where that cannot work."""
 
 from __future__ import annotations
 
+import os
 import secrets
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from stereohdr.errors import FileFormatError
+
+
+def check_output(path: str | Path) -> None:
+    """Check that a file can be written, before the work that it is to hold is done.
+
+    Raises
+    ------
+    FileFormatError
+        The folder does not exist or cannot be written to, or `path` is a folder or no valid name.
+    """
+    target = Path(path)
+    try:
+        if not target.parent.is_dir():
+            raise FileFormatError(f"{target}: the folder {target.parent} does not exist; create it first")
+        if target.is_dir():
+            raise FileFormatError(f"{target}: is a folder; give the name of a file")
+        target.exists()  # fails for names that the file system does not take
+    except (OSError, ValueError) as error:
+        raise _unwritable(target, error) from error
+    if not os.access(target.parent, os.W_OK):
+        raise FileFormatError(f"{target}: the folder {target.parent} cannot be written to; choose another")
 
 
 @contextmanager
@@ -19,18 +41,44 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
     Raises
     ------
     FileFormatError
-        The folder does not exist or cannot be written.
+        `path` cannot be written, see `check_output`; or writing failed.
     """
     target = Path(path)
-    if not target.parent.is_dir():
-        raise FileFormatError(f"{target}: the folder {target.parent} does not exist; create it first")
-    if target.is_dir():
-        raise FileFormatError(f"{target}: is a folder; give the name of a file")
-    temporary = target.with_name(f".{target.stem}-{secrets.token_hex(4)}{target.suffix}")
+    check_output(target)
+    temporary = target.with_name(f".stereohdr-{secrets.token_hex(4)}{target.suffix}")
     try:
         yield temporary
         temporary.replace(target)
-    except OSError as error:
-        raise FileFormatError(f"{target}: cannot be written ({error.strerror or error})") from error
+    except (OSError, UnicodeError) as error:
+        raise _unwritable(target, error) from error
     finally:
-        temporary.unlink(missing_ok=True)
+        with suppress(OSError):
+            temporary.unlink(missing_ok=True)
+
+
+def make_folder(path: str | Path) -> Path:
+    """Create a folder, and those above it, unless it exists.
+
+    Raises
+    ------
+    FileFormatError
+        It cannot be created or written to.
+    """
+    folder = Path(path)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except FileExistsError as error:
+        raise FileFormatError(f"{folder}: is a file; give the name of a folder") from error
+    except (OSError, ValueError) as error:
+        raise FileFormatError(f"{folder}: the folder cannot be created ({_reason(error)})") from error
+    if not os.access(folder, os.W_OK):
+        raise FileFormatError(f"{folder}: the folder cannot be written to; choose another")
+    return folder
+
+
+def _unwritable(target: Path, error: Exception) -> FileFormatError:
+    return FileFormatError(f"{target}: cannot be written ({_reason(error)}); choose another name or folder")
+
+
+def _reason(error: Exception) -> str:
+    return getattr(error, "strerror", None) or str(error) or type(error).__name__

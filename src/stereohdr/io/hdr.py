@@ -10,7 +10,7 @@ import numpy as np
 
 from stereohdr.errors import FileFormatError, InputError
 from stereohdr.io.exr import read_exr, write_exr
-from stereohdr.io.files import atomic_path
+from stereohdr.io.files import atomic_path, check_output
 from stereohdr.io.metadata import first_bytes
 from stereohdr.io.pfm import decode_pfm, encode_pfm
 from stereohdr.io.radiance_hdr import decode_radiance_hdr, encode_radiance_hdr
@@ -101,14 +101,10 @@ def check_hdr_path(path: str | Path) -> str:
     Raises
     ------
     FileFormatError
-        The suffix is unknown, the folder does not exist, or the name is that of a folder.
+        The suffix is unknown, or the file cannot be written, see `check_output`.
     """
     suffix = _suffix(path)
-    folder = Path(path).parent
-    if not folder.is_dir():
-        raise FileFormatError(f"{path}: the folder {folder} does not exist; create it first")
-    if Path(path).is_dir():
-        raise FileFormatError(f"{path}: is a folder; give the name of a file")
+    check_output(path)
     return suffix
 
 

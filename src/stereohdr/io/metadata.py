@@ -148,13 +148,15 @@ def first_bytes(path: str | Path, count: int) -> bytes:
     FileFormatError
         There is no such file, it is a folder, or it must not be read.
     """
-    if Path(path).is_dir():
-        raise FileFormatError(f"{path}: is a folder; give the name of a file")
     try:
+        if Path(path).is_dir():
+            raise FileFormatError(f"{path}: is a folder; give the name of a file")
         with open(path, "rb") as file:
             return file.read(count)
     except FileNotFoundError as error:
         raise FileFormatError(f"{path}: no such file; check the name and the folder") from error
+    except FileFormatError:
+        raise
     except (OSError, ValueError) as error:  # ValueError: a name that holds a NUL byte
         reason = getattr(error, "strerror", None) or error
         raise FileFormatError(f"{path}: cannot be read ({reason}); check its permissions") from error

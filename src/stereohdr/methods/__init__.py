@@ -64,6 +64,12 @@ BUILT_IN = {
             PaperConfig,
             "stereohdr.methods.paper:fuse_paper",
         ),
+        Method(
+            "mv-only",
+            "the main view alone, for comparison",
+            FuseConfig,
+            "stereohdr.methods.mv_only:fuse_mv_only",
+        ),
     )
 }
 
@@ -82,6 +88,8 @@ def get_method(name: str) -> Method:
     ConfigError
         There is none; the message lists what there is.
     """
+    if not isinstance(name, str):
+        raise ConfigError(f"a method is given by its name, got a {type(name).__name__}")
     if name in BUILT_IN:
         return BUILT_IN[name]
     for entry in entry_points(group=ENTRY_POINT_GROUP):

@@ -43,8 +43,9 @@ def fuse_paper(
         log.keep(exposure_map=S)
 
     with log.stage("segmentation"):  # G_m, G_a
-        G_m = segment_photo(main, lattice=config.lattice, merging=config.merging)
-        G_a = segment_photo(auxiliary, lattice=config.lattice, merging=config.merging)
+        G_m, cells_m = segment_photo(main, lattice=config.lattice, merging=config.merging)
+        G_a, cells_a = segment_photo(auxiliary, lattice=config.lattice, merging=config.merging)
+        log.keep(main_superpixels=cells_m, auxiliary_superpixels=cells_a)
         log.keep(main_segments=G_m, auxiliary_segments=G_a)
 
     with log.stage("interest region"):
@@ -68,7 +69,7 @@ def fuse_paper(
 
     with log.stage("warping"):  # R_a^w
         R_w, arrived = warp_forward(R_a, D_a)
-        log.keep(warped=R_w)
+        log.keep(warped=R_w, arrived=arrived)
 
     with log.stage("rejection"):  # Omega
         valid = reject_uncertain(L_m, luminance(R_w), arrived, config=config.rejection)
@@ -82,7 +83,8 @@ def fuse_paper(
 
     with log.stage("edge-preserving filter"):  # R_a^e
         guide = R_m / np.float32(1000)  # the filter's sigma_r is meant for exposure per millisecond
-        smooth = edge_preserving_filter(R_h, guide, config=config.edge_filter)
+        known = np.where((valid | holes)[..., None], R_h, R_m)  # what is undefined must not bleed into holes
+        smooth = edge_preserving_filter(known, guide, config=config.edge_filter)
         R_e = np.where(holes[..., None], smooth, R_h)
         log.keep(filtered=R_e)
 
@@ -97,7 +99,7 @@ def fuse_paper(
         defined = valid | (holes & ~unbounded)
         W = np.where(defined, wanted, np.float32(0.0))
         R = blend(R_m, R_f, W, lowest=np.minimum(R_m.min(axis=(0, 1)), R_a.min(axis=(0, 1))))
-        log.keep(weight=W)
+        log.keep(smoothed_exposure_map=wanted, weight=W)
 
     source = source_flags(weight=W, wanted_weight=wanted, exposure_map=S, valid=valid, rejected=rejected)
     matched = D_a.values[D_a.valid]

@@ -23,7 +23,7 @@ def cdf_sample_pairs(main: NDArray[np.integer], auxiliary: NDArray[np.integer]) 
     Parameters
     ----------
     main, auxiliary
-        One channel of each view, any shape, integers 0..255.
+        Histograms of one channel of each view, ``(256,)`` counts of the codes 0..255.
 
     Returns
     -------
@@ -35,8 +35,7 @@ def cdf_sample_pairs(main: NDArray[np.integer], auxiliary: NDArray[np.integer]) 
     """
     levels = np.arange(RESPONSE_KNOTS) / (RESPONSE_KNOTS - 1)
     codes = []
-    for view in (main, auxiliary):
-        counts = np.bincount(np.ravel(view), minlength=RESPONSE_KNOTS)
+    for counts in (main, auxiliary):
         cumulative = np.cumsum(counts) / counts.sum()
         codes.append(np.abs(cumulative[None, :] - levels[:, None]).argmin(axis=1))
     pairs = np.stack(codes, axis=1)
@@ -44,12 +43,19 @@ def cdf_sample_pairs(main: NDArray[np.integer], auxiliary: NDArray[np.integer]) 
     return pairs[unclipped]
 
 
-def knot_codes(photo: Photo) -> NDArray[np.intp]:
-    """Return the codes rounded to the 256 knots of a response curve, ``(H, W, C)``; 8-bit codes as they are."""
-    codes = photo.codes.astype(np.intp)
-    if photo.white == RESPONSE_KNOTS - 1:
-        return codes
-    return (codes * (2 * (RESPONSE_KNOTS - 1)) + photo.white) // (2 * photo.white)
+def knot_codes(codes: NDArray[np.integer], white_level: int) -> NDArray[np.intp]:
+    """Return codes of any shape rounded to the 256 knots of a response curve; 8-bit codes as they are."""
+    return (codes.astype(np.intp) * (2 * (RESPONSE_KNOTS - 1)) + white_level) // (2 * white_level)
+
+
+def knot_histograms(photo: Photo) -> NDArray[np.intp]:
+    """Return how often each of the 256 knots occurs, ``(C, 256)``; deeper codes count for the nearest knot."""
+    knots = knot_codes(np.arange(photo.white + 1), photo.white)
+    histograms = np.zeros((photo.channels, RESPONSE_KNOTS), dtype=np.intp)
+    for channel in range(photo.channels):
+        counts = np.bincount(photo.codes[..., channel].ravel(), minlength=photo.white + 1)
+        np.add.at(histograms[channel], knots, counts)
+    return histograms
 
 
 def estimate_response(pair: StereoPair, *, config: CdfResponseConfig | None = None) -> ResponseCurve:
@@ -72,10 +78,11 @@ def estimate_response(pair: StereoPair, *, config: CdfResponseConfig | None = No
         No channel has enough unclipped codes in common.
     """
     config = config or CdfResponseConfig()
-    main, auxiliary = knot_codes(pair.main_photo), knot_codes(pair.auxiliary_photo)
     curves: list[NDArray[np.float64] | None] = []
-    for channel in range(main.shape[2]):
-        samples = cdf_sample_pairs(main[..., channel], auxiliary[..., channel])
+    for main, auxiliary in zip(
+        knot_histograms(pair.main_photo), knot_histograms(pair.auxiliary_photo), strict=True
+    ):
+        samples = cdf_sample_pairs(main, auxiliary)
         enough = len(samples) >= MINIMUM_PAIRS
         curves.append(solve_response(samples, pair.exposures, smoothness=config.smoothness) if enough else None)
     known = [curve for curve in curves if curve is not None]

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
+from stereohdr.kernels import kernel
 
-@numba.njit(nogil=True, cache=True)
+
+@kernel
 def fill_along_rays(segments, valid, luminance, guide, hole, source):
     """Write into ``source[y, x]`` of each hole the flat index of the pixel that fills it, or -1.
 
@@ -54,7 +55,7 @@ def fill_along_rays(segments, valid, luminance, guide, hole, source):
                         source[y, x] = candidate
 
 
-@numba.njit(nogil=True, cache=True)
+@kernel
 def fill_from_nearest(segments, valid, hole, source):
     """Give holes without a source that of the valid pixel fewest eight-connected steps away in the segment.
 
@@ -99,7 +100,7 @@ def fill_from_nearest(segments, valid, hole, source):
                 source[y, x] = nearest[y, x]
 
 
-@numba.njit(nogil=True, cache=True)
+@kernel
 def recursive_pass(image, across, down):
     """Filter ``image``, ``(H, W, C)`` float32, in place: rows forth and back, then columns forth and back.
 

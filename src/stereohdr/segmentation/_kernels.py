@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
+from stereohdr.kernels import kernel
 
-@numba.njit(nogil=True, cache=True)
+
+@kernel
 def lattice_paths(cost, pitch, tolerance):
     """Cheapest non-crossing vertical paths, ``(paths, H)`` int32 columns, one near each multiple of `pitch`.
 
@@ -56,7 +57,7 @@ def lattice_paths(cost, pitch, tolerance):
     return columns
 
 
-@numba.njit(nogil=True, cache=True)
+@kernel
 def merge_graph(first, second, weight, nodes, scale, minimum_size):
     """Merge graph nodes along edges sorted by weight; returns each node's root, ``(nodes,)`` int32.
 

@@ -73,14 +73,17 @@ def superpixel_means(
 
 def segment_photo(
     photo: Photo, *, lattice: LatticeConfig | None = None, merging: MergingConfig | None = None
-) -> NDArray[np.int32]:
+) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     """Segment one view by its own codes.
 
     Returns
     -------
-    ``(H, W)`` int32 segment labels 0, 1, 2, ... (G_m or G_a of the paper).
+    segments
+        ``(H, W)`` int32 labels 0, 1, 2, ... (G_m or G_a of the paper).
+    superpixels
+        ``(H, W)`` int32 labels of the lattice cells that were merged.
     """
     colours = photo.codes.astype(np.float32) * np.float32(255.0 / photo.white)
     labels, shape = superpixel_lattice(colours, config=lattice)
     segments = merge_superpixels(superpixel_means(colours, labels, shape), config=merging)
-    return segments.ravel()[labels]
+    return segments.ravel()[labels], labels

@@ -1,4 +1,4 @@
-"""The main view alone: what remains when stereo has nothing to add."""
+"""Method ``mv-only``: the main view's initial radiance, without stereo. What every method has to beat."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from stereohdr.response import estimate_response
 from stereohdr.stage_log import StageLog
 
 
-def keep_main_view(
+def fuse_mv_only(
     pair: StereoPair,
     config: FuseConfig,
     *,
@@ -31,7 +31,7 @@ def keep_main_view(
                 log.warn("the response cannot be estimated from this pair; the sRGB curve is assumed")
     with log.stage("radiance"):
         radiance = initial_radiance(main, response, exposure=pair.exposures[0])
-        S = exposure_map(main)
+        S = exposure_map(main, config=config.exposure_map)
         log.keep(main_radiance=radiance, exposure_map=S)
     flags = np.where(S, SourceFlag.NO_INFORMATION, SourceFlag.MEASURED).astype(np.uint8)
     nothing = np.zeros(S.shape, dtype=np.float32)
@@ -41,7 +41,7 @@ def keep_main_view(
         weight=nothing,
         disparity=Disparity(nothing.copy(), np.zeros(S.shape, dtype=np.uint8)),
         response=response,
-        method="main view",
+        method="mv-only",
         config=config,
         statistics={"clipped_share": float(S.mean()), "no_information_share": float(S.mean())},
     )
