@@ -7,6 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stereohdr import (
+    Disparity,
+    DisparityFlag,
     FuseConfig,
     InputError,
     PaperConfig,
@@ -359,3 +361,16 @@ def test_unrelated_photos_are_fused_with_a_warning():
     left, right = make_pair(60, 160, seed=1).left, make_pair(60, 160, seed=2).right
     with pytest.warns(StereoHdrWarning, match="hardly match"):
         fuse(StereoPair(left, right), "paper", CONFIG)
+
+
+@pytest.mark.parametrize("main", ["left", "right"])
+def test_a_known_disparity_replaces_the_estimate(main):
+    pair = replace(clipped_pair(), main=main)
+    values = np.full((60, 90), 5, dtype=np.float32)
+    known = Disparity(values, np.full((60, 90), DisparityFlag.MATCHED, np.uint8))
+    result = fuse(pair, "paper", CONFIG, disparity=known, checks=False, keep_stages=True)
+    np.testing.assert_array_equal(result.disparity.values, values)
+    landed = result.stages["arrived"]
+    assert landed[:, 5:].all() if main == "left" else landed[:, :-5].all()
+    with pytest.raises(InputError, match=r"shape \(3, 3\)"):
+        fuse(pair, disparity=Disparity(np.zeros((3, 3), np.float32), np.zeros((3, 3), np.uint8)))

@@ -19,7 +19,7 @@ from stereohdr.stage_log import Progress, StageLog
 
 if TYPE_CHECKING:
     from stereohdr.config import FuseConfig
-    from stereohdr.model import HdrResult
+    from stereohdr.model import Disparity, HdrResult
 
 DEFAULT_METHOD = "paper"
 
@@ -30,6 +30,7 @@ def fuse(
     config: FuseConfig | None = None,
     *,
     response: ResponseCurve | None = None,
+    disparity: Disparity | None = None,
     keep_stages: bool = False,
     checks: bool = True,
     threads: int | None = None,
@@ -47,6 +48,8 @@ def fuse(
         The method's configuration; its defaults when None.
     response
         Known inverse response of the camera; estimated from the pair when None.
+    disparity
+        Known disparity of the auxiliary view, ``(H, W)`` in its pixels; estimated from the pair when None.
     keep_stages
         Keep every intermediate array in `HdrResult.stages`.
     checks
@@ -71,6 +74,8 @@ def fuse(
         Unknown method, or a configuration that does not fit the pair.
     ResponseError
         `response` has another channel count, or none is given and the pair does not determine one.
+    InputError
+        `disparity` has another size than the photos.
 
     Warns
     -----
@@ -105,6 +110,10 @@ def fuse(
             f"{pair.main_photo.channels}; give a response of the same camera and mode"
         )
 
+    size = (pair.left.height, pair.left.width)
+    if disparity is not None and disparity.values.shape != size:
+        raise InputError(f"the disparity map has shape {disparity.values.shape}, the photos have {size}")
+
     log = StageLog(progress=progress, keep_arrays=keep_stages)
     with log.stage("checks"):
         problem = unusable_view(pair, config=config.exposure_map)
@@ -118,8 +127,11 @@ def fuse(
                     log.warn(doubt)
     run = chosen.load()
 
-    left = pair if pair.main == "left" else pair.mirrored()
-    result = run(left, config, response=response, log=log, threads=threads)
+    if pair.main == "right":
+        pair_left, disparity = pair.mirrored(), disparity and disparity.mirrored()
+    else:
+        pair_left = pair
+    result = run(pair_left, config, response=response, disparity=disparity, log=log, threads=threads)
     if not result.response.is_monotone:
         log.warn("the response curve does not rise everywhere; radiance is not reliable where it falls")
     result = replace(

@@ -13,7 +13,7 @@ from typing import Protocol
 
 from stereohdr.config import FuseConfig, PaperConfig
 from stereohdr.errors import ConfigError
-from stereohdr.model import HdrResult, ResponseCurve, StereoPair
+from stereohdr.model import Disparity, HdrResult, ResponseCurve, StereoPair
 from stereohdr.stage_log import StageLog
 
 ENTRY_POINT_GROUP = "stereohdr.methods"
@@ -29,6 +29,7 @@ class MethodFunction(Protocol):
         /,
         *,
         response: ResponseCurve | None,
+        disparity: Disparity | None,
         log: StageLog,
         threads: int | None,
     ) -> HdrResult:

@@ -17,6 +17,7 @@ def fuse_mv_only(
     config: FuseConfig,
     *,
     response: ResponseCurve | None,
+    disparity: Disparity | None,
     log: StageLog,
     threads: int | None,
 ) -> HdrResult:

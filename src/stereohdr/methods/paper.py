@@ -7,7 +7,7 @@ import numpy as np
 from stereohdr.config import PaperConfig
 from stereohdr.disparity import estimate_disparity
 from stereohdr.fusion import blend, source_flags, weight_map
-from stereohdr.model import HdrResult, ResponseCurve, SourceFlag, StereoPair
+from stereohdr.model import Disparity, HdrResult, ResponseCurve, SourceFlag, StereoPair
 from stereohdr.radiance import exposure_map, initial_radiance, luminance
 from stereohdr.response import estimate_response
 from stereohdr.restoration import edge_preserving_filter, fill_holes, poisson_edit, reject_uncertain
@@ -21,6 +21,7 @@ def fuse_paper(
     config: PaperConfig,
     *,
     response: ResponseCurve | None,
+    disparity: Disparity | None,
     log: StageLog,
     threads: int | None,
 ) -> HdrResult:
@@ -54,7 +55,7 @@ def fuse_paper(
         log.keep(main_interest=interest, auxiliary_interest=interest_a)
 
     with log.stage("disparity"):  # D_a
-        D_a = estimate_disparity(
+        D_a = disparity or estimate_disparity(
             L_a,
             L_m,
             G_a,
