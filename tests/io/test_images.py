@@ -290,7 +290,7 @@ def test_white_level_clips(stored):
 
 def test_bad_arguments(stored):
     path = stored(png(RGB8))
-    with pytest.raises(ExposureError, match="exposure time must be a positive number of seconds .*got 0"):
+    with pytest.raises(ExposureError, match=r"exposure time must be a positive number of seconds .*got 0"):
         read_photo(path, exposure_time=0)
     with pytest.raises(InputError, match="white level must be 3 to 255"):
         read_photo(path, white_level=300)
