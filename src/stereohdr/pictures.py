@@ -21,6 +21,9 @@ HEAT = np.array(
 )
 """Colours of `heat` from 0 to 1."""
 
+RAINBOW = np.array([[30, 60, 200], [40, 170, 220], [80, 200, 90], [240, 220, 60], [220, 30, 30]])
+"""Colours of probabilities from 0 to 1, as HDR-VDP maps are usually drawn."""
+
 DIVERGING = np.array([[24, 60, 150], [110, 160, 215], [238, 238, 238], [225, 140, 110], [150, 22, 36]])
 """Colours of `diverging` from -1 (too dark) over 0 to 1 (too bright)."""
 
@@ -134,6 +137,37 @@ def save_stages(result: HdrResult, folder: str | Path) -> list[Path]:
         written += [base.with_suffix(".png"), base.with_suffix(".npy")]
     result.response.save(folder / "response.json")
     return [*written, folder / "response.json"]
+
+
+def visibility_picture(probability: NDArray[np.float64], reference: NDArray[np.floating[Any]]) -> Picture:
+    """Draw where a difference is seen, in colour over the grey picture, with a colour bar.
+
+    Parameters
+    ----------
+    probability
+        ``(H, W)``, 0..1, `HdrVdp2Result.p_map`.
+    reference
+        ``(H, W, C)`` radiance >= 0 of the picture behind.
+
+    Returns
+    -------
+    ``(H + 40, W, 3)`` uint8: blue is not seen, red is seen by everyone.
+    """
+    from PIL import Image, ImageDraw, ImageFont
+
+    grey = tonemap(reference, saturation=0.0).mean(axis=2, keepdims=True) / 255.0
+    colour = _gradient(probability, RAINBOW) / 255.0
+    # The colour carries the probability, the brightness the picture.
+    over = np.rint(255 * colour * (0.25 + 0.75 * grey)).astype(np.uint8)
+    height, width = probability.shape
+    picture = Image.new("RGB", (width, height + 40), (24, 24, 26))
+    picture.paste(Image.fromarray(over), (0, 0))
+    bar = np.repeat(_gradient(np.linspace(0, 1, width)[None], RAINBOW), 14, axis=0)
+    picture.paste(Image.fromarray(bar), (0, height + 4))
+    draw, font = ImageDraw.Draw(picture), ImageFont.load_default(14)
+    for share, anchor in ((0.0, "lt"), (0.5, "mt"), (1.0, "rt")):
+        draw.text((share * (width - 1), height + 22), f"{share:g}", font=font, fill=(230, 230, 230), anchor=anchor)
+    return np.asarray(picture)
 
 
 def contact_sheet(

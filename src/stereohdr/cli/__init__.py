@@ -11,7 +11,7 @@ from typing import Annotated
 import typer
 
 from stereohdr import __version__
-from stereohdr.cli import demo, fuse, tonemap
+from stereohdr.cli import demo, evaluate, fuse, tonemap
 from stereohdr.errors import InputError, StereoHdrError, StereoHdrWarning
 
 EXIT_BAD_INPUT = 2
@@ -27,6 +27,7 @@ app = typer.Typer(
 app.command("fuse")(fuse.fuse_command)
 app.command("demo")(demo.demo_command)
 app.command("tonemap")(tonemap.tonemap_command)
+app.command("evaluate")(evaluate.evaluate_command)
 
 
 def _show_version(wanted: bool) -> None:
