@@ -3,6 +3,7 @@ import pytest
 
 from stereohdr.errors import ConfigError, InputError
 from stereohdr.metrics.pu21 import COEFFICIENTS, pu21_encode, pu21_psnr, pu21_ssim
+from stereohdr.radiance import luminance
 
 PUBLISHED_ENDS = {
     "banding": (-1.5580e-07, 520.4673),
@@ -37,19 +38,29 @@ def test_psnr_by_hand():
     assert pu21_psnr(reference, reference) == np.inf
 
 
+def test_only_the_luminance_counts():
+    grey = np.full((12, 12, 3), 20.0)
+    coloured = grey.copy()
+    coloured[..., 0] += 7.152
+    coloured[..., 1] -= 2.126  # same luminance
+    assert pu21_psnr(coloured, grey) > 100
+    coloured[..., 1] += 2.126
+    expected = 20 * np.log10(256 / (pu21_encode(np.array(20 + 0.2126 * 7.152)) - pu21_encode(np.array(20.0))))
+    assert pu21_psnr(coloured, grey) == pytest.approx(expected, rel=1e-4)
+
+
 def test_ssim_equals_scikit_images():
     metrics = pytest.importorskip("skimage.metrics")
     rng = np.random.default_rng(0)
     reference = rng.lognormal(2, 1, (40, 50, 3))
     test = reference * rng.lognormal(0, 0.2, reference.shape)
     expected = metrics.structural_similarity(
-        pu21_encode(test),
-        pu21_encode(reference),
+        pu21_encode(luminance(test)),
+        pu21_encode(luminance(reference)),
         gaussian_weights=True,
         sigma=1.5,
         use_sample_covariance=False,
         data_range=256.0,
-        channel_axis=2,
     )
     assert pu21_ssim(test, reference) == pytest.approx(expected, rel=1e-9)
     assert pu21_ssim(reference, reference) == pytest.approx(1.0)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from stereohdr.errors import ConfigError, InputError
+from stereohdr.radiance import luminance
 
 Variant = Literal["banding", "banding_glare", "peaks", "peaks_glare"]
 
@@ -81,23 +82,24 @@ def pu21_encode(luminance: NDArray[Any], *, variant: Variant = "banding_glare") 
 
 
 def pu21_psnr(test: NDArray[Any], reference: NDArray[Any], *, variant: Variant = "banding_glare") -> float:
-    """Return the PSNR of the PU21-encoded images in dB; infinite for equal images.
+    """Return the PSNR of the PU21-encoded luminances in dB; infinite for equal ones.
 
     Parameters
     ----------
     test, reference
-        ``(H, W, C)``, absolute, cd/m2; every channel is encoded like a luminance.
+        ``(H, W, C)``, absolute, cd/m2; RGB with BT.709 primaries counts by its luminance.
     variant
         Which published fit.
     """
     _check_shapes(test, reference)
-    error = pu21_encode(test, variant=variant) - pu21_encode(reference, variant=variant)
+    encoded_test, encoded_reference = (_encoded_luminance(i, variant) for i in (test, reference))
+    error = encoded_test - encoded_reference
     mean_square = float(np.mean(error**2))
     return float("inf") if mean_square == 0 else 10 * float(np.log10(PEAK**2 / mean_square))
 
 
 def pu21_ssim(test: NDArray[Any], reference: NDArray[Any], *, variant: Variant = "banding_glare") -> float:
-    """Return the mean SSIM of the PU21-encoded images, at most 1.
+    """Return the mean SSIM of the PU21-encoded luminances, at most 1.
 
     Parameters
     ----------
@@ -112,10 +114,10 @@ def pu21_ssim(test: NDArray[Any], reference: NDArray[Any], *, variant: Variant =
     the border of five pixels, where the window leaves the image, does not count in images larger than it.
     """
     _check_shapes(test, reference)
-    x, y = (pu21_encode(image, variant=variant) for image in (test, reference))
+    x, y = (_encoded_luminance(image, variant) for image in (test, reference))
 
     def local_mean(image: NDArray[np.float64]) -> NDArray[np.float64]:
-        return ndimage.gaussian_filter(image, (SSIM_SIGMA, SSIM_SIGMA, 0), radius=(5, 5, 0), mode="reflect")
+        return ndimage.gaussian_filter(image, SSIM_SIGMA, radius=5, mode="reflect")
 
     mean_x, mean_y = local_mean(x), local_mean(y)
     variance_x = local_mean(x * x) - mean_x**2
@@ -128,6 +130,10 @@ def pu21_ssim(test: NDArray[Any], reference: NDArray[Any], *, variant: Variant =
     if min(x.shape[:2]) > 10:
         similarity = similarity[5:-5, 5:-5]
     return float(similarity.mean())
+
+
+def _encoded_luminance(image: NDArray[Any], variant: Variant) -> NDArray[np.float64]:
+    return pu21_encode(luminance(image), variant=variant)
 
 
 def _check_shapes(test: NDArray[Any], reference: NDArray[Any]) -> None:
