@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,9 +21,9 @@ def reject_uncertain(
 ) -> NDArray[np.bool_]:
     """Keep the warped pixels whose neighbourhood has the same structure in both views.
 
-    A pixel's pattern has one bit per pixel of its 3x3 patch, set where the luminance is at least the patch
-    mean. The patch consists of the places where a warped pixel arrived (in both views the same places): a
-    hole has no radiance to compare.
+    A pixel's pattern has one bit per pixel of its 3x3 patch, set where the luminance is at least the patch mean. A
+    hole has the radiance 0 in the warped view, so a pixel beside a hole is kept only if the main view is dark
+    there, too. At the image border the patch is what lies inside.
 
     Parameters
     ----------
@@ -39,27 +41,21 @@ def reject_uncertain(
     config = config or RejectionConfig()
     if not config.enabled:
         return arrived.copy()
-    return arrived & (_pattern(main, arrived, config) == _pattern(warped, arrived, config))
+    filled = np.where(arrived, warped, np.float32(0.0))
+    return arrived & (_pattern(main, config.tolerance) == _pattern(filled, config.tolerance))
 
 
-def _pattern(
-    luminance: NDArray[np.float32], present: NDArray[np.bool_], config: RejectionConfig
-) -> NDArray[np.uint16]:
+def _pattern(luminance: NDArray[np.float32], tolerance: float) -> NDArray[np.uint16]:
     height, width = luminance.shape
     values = np.pad(luminance.astype(np.float64), 1)
-    inside = np.pad(present, 1)
+    inside = np.pad(np.ones((height, width), dtype=bool), 1)
 
-    def shifted(array: NDArray, dy: int, dx: int) -> NDArray:
+    def shifted(array: NDArray[Any], dy: int, dx: int) -> NDArray[Any]:
         return array[1 + dy : 1 + dy + height, 1 + dx : 1 + dx + width]
 
-    total = np.zeros((height, width))
-    count = np.zeros((height, width))
-    for offset in OFFSETS:
-        there = shifted(inside, *offset)
-        total += np.where(there, shifted(values, *offset), 0.0)
-        count += there
-    mean = total / np.maximum(count, 1)
-    threshold = mean * (1.0 - config.tolerance)
+    total = sum(shifted(values, *offset) for offset in OFFSETS)
+    count = sum(shifted(inside, *offset).astype(np.float64) for offset in OFFSETS)
+    threshold = total / count * (1.0 - tolerance)
     bits = np.zeros((height, width), dtype=np.uint16)
     for n, offset in enumerate(OFFSETS):
         at_least = shifted(inside, *offset) & (shifted(values, *offset) >= threshold)
