@@ -29,7 +29,7 @@ def solve_response(
     samples
         ``(N, P)`` integers 0..255: the code of sample point i in photo j.
     exposure_times
-        ``(P,)`` positive, seconds (only ratios matter).
+        ``(P,)``, or ``(N, P)`` if they differ by sample; positive, seconds (only ratios matter).
     smoothness
         lambda, >= 0.
 

@@ -1,0 +1,77 @@
+"""BorealHDR: a forest, raw Bayer brackets of a stereo rig that is carried (1 to 3 px between exposures), 12 bit.
+
+References
+----------
+Gamache et al., "Exposing the unseen: exposure time emulation for offline benchmarking of vision algorithms",
+IROS 2024. The views are not rectified: corresponding points lie 11 to 28 rows apart.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from stereohdr.datasets.brackets import StereoBracket, read_bracket_view
+from stereohdr.datasets.resizing import bayer_to_rgb
+from stereohdr.errors import FileFormatError
+from stereohdr.model import MID_KNOT, RESPONSE_KNOTS, ResponseCurve
+
+WHITE_LEVEL = 4094
+"""The sensor clips here, one code below the 12-bit range: no pixel of any photo holds 4095."""
+
+
+def read_boreal(folder: str | Path, calibration: str | Path | None = None) -> StereoBracket:
+    """Read the brackets of both cameras in RGB of half the size.
+
+    Parameters
+    ----------
+    folder
+        Holds ``left_01.0ms.png``, ..., ``right_32.0ms.png``: RGGB mosaics in 16-bit PNG.
+    calibration
+        Inverse response of the cameras, see `read_inverse_response`; without it the response is unknown.
+
+    Returns
+    -------
+    Photos of 960x600 pixels, see `stereohdr.datasets.resizing.bayer_to_rgb`; not rectified.
+
+    Raises
+    ------
+    FileFormatError
+        A photo or the calibration is missing or damaged.
+    """
+    folder = Path(folder)
+    left, right = (
+        tuple(bayer_to_rgb(photo) for photo in read_bracket_view(folder, side, white_level=WHITE_LEVEL))
+        for side in ("left", "right")
+    )
+    response = None
+    if calibration is not None:
+        grey = read_inverse_response(calibration)
+        response = replace(grey, log_exposure=np.repeat(grey.log_exposure, 3, axis=0))
+    return StereoBracket("Boreal", left, right, response)
+
+
+def read_inverse_response(path: str | Path) -> ResponseCurve:
+    """Read a photometric calibration (``pcalib.txt``): 256 exposures of evenly spaced codes, in any unit.
+
+    Raises
+    ------
+    FileFormatError
+        The file cannot be read, or does not hold 256 increasing positive numbers.
+    """
+    try:
+        exposure = np.array(Path(path).read_text(encoding="utf-8").split(), dtype=np.float64)
+    except OSError as error:
+        raise FileFormatError(
+            f"{path}: cannot read the calibration ({error.strerror}); give pcalib.txt"
+        ) from error
+    except ValueError as error:
+        raise FileFormatError(f"{path}: holds something else than numbers; give pcalib.txt") from error
+    if exposure.shape != (RESPONSE_KNOTS,) or not (exposure > 0).all() or not (np.diff(exposure) > 0).all():
+        raise FileFormatError(
+            f"{path}: a photometric calibration holds {RESPONSE_KNOTS} increasing positive numbers, this file "
+            f"does not; give pcalib.txt"
+        )
+    return ResponseCurve(np.log(exposure / exposure[MID_KNOT])[None])
