@@ -64,3 +64,26 @@ def make_pair(
 def pair() -> StereoPair:
     """A wall at disparity 5, exposures 1:4, 64x40 RGB, 8 bit."""
     return make_pair()
+
+
+@pytest.fixture(scope="session")
+def small_scene():
+    """The room at 120x90, over- and under-exposed in the main view, ratio 16, with all truth."""
+    from stereohdr.datasets.scene import EvaluationScene
+    from stereohdr.simulation import Camera, expose_pair, room
+
+    scene = room(width=120, height=90)
+    scale = np.float32(np.percentile(scene.radiance_left, 75))
+    left, right = scene.radiance_left / scale, scene.radiance_right / scale
+    camera = Camera()
+    return EvaluationScene(
+        name="small-room",
+        pair=expose_pair(left, right, (2.0, 0.125), camera, 3),
+        reference=left,
+        reference_clipped=np.zeros((90, 120), bool),
+        max_disparity=scene.max_disparity,
+        disparity_main=scene.disparity_left,
+        disparity_auxiliary=scene.disparity_right,
+        response=camera.response_curve(3),
+        kind="procedural",
+    )

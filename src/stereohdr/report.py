@@ -59,10 +59,15 @@ def document(result: HdrResult, pair: StereoPair) -> dict[str, Any]:
     }
 
 
+def write_text(path: str | Path, content: str) -> None:
+    """Write a text file, whole or not at all."""
+    with atomic_path(path) as temporary:
+        temporary.write_text(content, encoding="utf-8")
+
+
 def write_json(path: str | Path, content: dict[str, Any]) -> None:
     """Write a JSON document, whole or not at all."""
-    with atomic_path(path) as temporary:
-        temporary.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    write_text(path, json.dumps(content, indent=1, allow_nan=False) + "\n")
 
 
 def summary(result: HdrResult, pair: StereoPair) -> list[str]:

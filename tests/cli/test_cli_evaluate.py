@@ -5,14 +5,9 @@ import pytest
 from PIL import Image
 
 from stereohdr import write_hdr
-from stereohdr.cli import main
 from stereohdr.metrics.evaluation import evaluate
 
-
-def run(*arguments):
-    with pytest.raises(SystemExit) as stop:
-        main([str(a) for a in arguments])
-    return stop.value.code or 0
+from command_line import run
 
 
 @pytest.fixture

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from stereohdr import ResponseCurve, __version__, read_hdr
-from stereohdr.cli import main
 from stereohdr.io.exr import read_exr
 from stereohdr.io.images import write_png
 
+from command_line import run
 from conftest import make_pair
 
 
@@ -18,13 +18,6 @@ def files(tmp_path):
     write_png(tmp_path / "left.png", pair.left.codes)
     write_png(tmp_path / "right.png", pair.right.codes)
     return tmp_path
-
-
-def run(*arguments):
-    """Run the command line in this process; return its exit status."""
-    with pytest.raises(SystemExit) as stop:
-        main([str(a) for a in arguments])
-    return stop.value.code or 0
 
 
 def run_fuse(folder, *more, left="left.png", right="right.png", out="out.exr", times=("1/25", "0.16")):

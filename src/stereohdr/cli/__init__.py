@@ -11,7 +11,7 @@ from typing import Annotated
 import typer
 
 from stereohdr import __version__
-from stereohdr.cli import demo, evaluate, fuse, tonemap
+from stereohdr.cli import bench, demo, evaluate, fuse, merge, tonemap
 from stereohdr.errors import InputError, StereoHdrError, StereoHdrWarning
 
 EXIT_BAD_INPUT = 2
@@ -28,6 +28,8 @@ app.command("fuse")(fuse.fuse_command)
 app.command("demo")(demo.demo_command)
 app.command("tonemap")(tonemap.tonemap_command)
 app.command("evaluate")(evaluate.evaluate_command)
+app.command("merge")(merge.merge_command)
+app.command("bench")(bench.bench_command)
 
 
 def _show_version(wanted: bool) -> None:

@@ -2,7 +2,7 @@
 
 For instance, the Jumble set that the paper borrows (views 12 and 13 of 15, 61 and 5 ms, halved, cropped)::
 
-    name = "Jumble"
+    name = "Jumble-short-long"
     left = "view12_61ms.png"
     right = "view13_5ms.png"
     exposures = ["61ms", "5ms"]
