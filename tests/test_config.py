@@ -3,7 +3,16 @@ import dataclasses
 import pytest
 
 from stereohdr import PaperConfig
-from stereohdr.config import AggregationConfig, config_from_mapping, load_config
+from stereohdr.config import (
+    AggregationConfig,
+    BilateralWindowConfig,
+    OpencvStereoConfig,
+    PolynomialResponseConfig,
+    ResponseConfig,
+    WindowMatchingConfig,
+    config_from_mapping,
+    load_config,
+)
 from stereohdr.errors import ConfigError
 
 
@@ -59,6 +68,8 @@ def test_toml_sets_nested_fields_and_keeps_the_rest(tmp_path):
         ("[aggregation]\nsigma = nan", "sigma must be from 0.001"),
         ("[edge_filter]\nrange_sigma = 'x'", "range_sigma must be float"),
         ("[lattice]\ntolerance = 6", "below the pitch"),
+        ("[response]\nsamples = 'surf'", r"response: samples must be 'cdf' or 'sift', got 'surf'"),
+        ("[response]\nsamples = ['cdf']", r"samples must be 'cdf' or 'sift', got \['cdf'\]"),
         ("[response]\nsmoothness = inf", "smoothness must be from"),
         ("[edge_filter]\niterations = 600", "iterations must be a whole number from 1 to 16"),
         ("[candidates]\nbox = 37", "box must be a whole number from 1 to 35"),
@@ -72,6 +83,31 @@ def test_wrong_settings_are_refused_with_their_place(tmp_path, text, message):
     with pytest.raises(ConfigError, match=message) as caught:
         load_config(PaperConfig, path)
     assert "c.toml" in str(caught.value)
+
+
+def test_a_choice_is_taken_by_name_from_toml_and_from_python(tmp_path):
+    path = tmp_path / "c.toml"
+    path.write_text("[response]\nsamples = 'sift'\n")
+    assert load_config(PaperConfig, path).response == ResponseConfig(samples="sift")
+    with pytest.raises(ConfigError, match=r"response\.samples must be 'cdf' or 'sift', got 'surf'"):
+        ResponseConfig(samples="surf")  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("stage", "setting", "message"),
+    [
+        (WindowMatchingConfig, {"window": 8}, "odd, got 8"),
+        (WindowMatchingConfig, {"window": 1}, "from 3 to 31"),
+        (WindowMatchingConfig, {"tolerance": -1.0}, "tolerance"),
+        (BilateralWindowConfig, {"range_sigma": 0.0}, "range_sigma"),
+        (PolynomialResponseConfig, {"degree": 7}, "degree"),
+        (OpencvStereoConfig, {"block_size": 4}, "odd"),
+        (OpencvStereoConfig, {"large_penalty": 8}, "above P1"),
+    ],
+)
+def test_the_stages_of_the_comparison_methods_check_their_settings(stage, setting, message):
+    with pytest.raises(ConfigError, match=message):
+        stage(**setting)
 
 
 def test_a_missing_file_is_said(tmp_path):

@@ -15,7 +15,7 @@ import typing
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, is_dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar
 
 from stereohdr.errors import ConfigError
 
@@ -27,6 +27,11 @@ def _require(condition: bool, name: str, value: object, accepted: str) -> None:
         raise ConfigError(f"{name} must be {accepted}, got {value!r}")
 
 
+def _either(choices: tuple[str, ...]) -> str:
+    """Return the choices as a message lists them."""
+    return " or ".join(repr(choice) for choice in choices)
+
+
 def _require_number(name: str, value: float, low: float, high: float) -> None:
     _require(low <= value <= high, name, value, f"from {low:g} to {high:g}")  # False for NaN, too
 
@@ -36,15 +41,38 @@ def _require_whole(name: str, value: int, low: int, high: int) -> None:
     _require(whole and low <= value <= high, name, value, f"a whole number from {low} to {high}")
 
 
-@dataclass(frozen=True)
-class CdfResponseConfig:
-    """Response from the two views' cumulative histograms (paper section 2.1, Debevec and Malik 1997)."""
+ResponseSamples = Literal["cdf", "sift"]
+"""How codes of equal radiance are found in the two views."""
 
+
+@dataclass(frozen=True)
+class ResponseConfig:
+    """Response from sample pairs of the two views (paper section 2.1), solved after Debevec and Malik 1997."""
+
+    samples: ResponseSamples = "cdf"
+    """``cdf``: codes of equal cumulative frequency, the paper's choice. ``sift``: codes at matched SIFT features,
+    the "conventional ICRF" of its Table 2; needs scikit-image."""
     smoothness: float = 20.0
     """Weight lambda of the second-difference rows, 0.001 to 1e6. Not given in the paper; our choice."""
 
     def __post_init__(self) -> None:
+        choices = typing.get_args(ResponseSamples)
+        _require(self.samples in choices, "response.samples", self.samples, _either(choices))
         _require_number("response.smoothness", self.smoothness, 1e-3, 1e6)
+
+
+@dataclass(frozen=True)
+class PolynomialResponseConfig:
+    """Response as a gamma curve times the exponential of a polynomial, fitted to matched pixels."""
+
+    degree: int = 3
+    """Degree of the polynomial, 0 to 6; 0 is a gamma curve. Our choice."""
+    initial_gamma: float = 2.2
+    """Exponent of the gamma curve that the first matching assumes, 0.1 to 10."""
+
+    def __post_init__(self) -> None:
+        _require_whole("response.degree", self.degree, 0, 6)
+        _require_number("response.initial_gamma", self.initial_gamma, 0.1, 10)
 
 
 @dataclass(frozen=True)
@@ -193,6 +221,66 @@ class PoissonConfig:
 
 
 @dataclass(frozen=True)
+class WindowMatchingConfig:
+    """Window matching by zero-mean normalised cross-correlation, with a left-right check."""
+
+    window: int = 9
+    """Side of the square window in pixels, odd, 3 to 31."""
+    tolerance: float = 1.0
+    """Largest difference in pixels between the disparities of both views that confirm each other, 0 to 1000."""
+
+    def __post_init__(self) -> None:
+        _require_whole("matching.window", self.window, 3, 31)
+        _require(self.window % 2 == 1, "matching.window", self.window, "odd")
+        _require_number("matching.tolerance", self.tolerance, 0, 1000)
+
+
+@dataclass(frozen=True)
+class BilateralWindowConfig:
+    """Weights inside a matching window: what is near the centre, and like it, counts most."""
+
+    spatial_sigma: float = 4.0
+    """Standard deviation over the distance in pixels, 0.001 to 1e6. Our choice."""
+    range_sigma: float = 0.5
+    """Standard deviation over the difference in ln radiance, 0.001 to 1e6. Our choice."""
+
+    def __post_init__(self) -> None:
+        _require_number("bilateral.spatial_sigma", self.spatial_sigma, 1e-3, 1e6)
+        _require_number("bilateral.range_sigma", self.range_sigma, 1e-3, 1e6)
+
+
+@dataclass(frozen=True)
+class OpencvStereoConfig:
+    """OpenCV's semi-global block matching, with the values of its documentation and samples."""
+
+    block_size: int = 5
+    """Side of the matched block in pixels, odd, 1 to 11."""
+    small_penalty: int = 8
+    """P1 per pixel of the block, for a disparity that changes by 1; 0 to 1000."""
+    large_penalty: int = 32
+    """P2 per pixel of the block, for a larger change; above P1, up to 1000."""
+    uniqueness: int = 10
+    """Margin in per cent by which the best cost must win, 0 to 100."""
+    tolerance: int = 1
+    """Largest difference of the left-right check in pixels, 0 to 1000."""
+    speckle_size: int = 100
+    """Smaller regions of their own disparity are dropped, pixels, 0 to 10000; 0 keeps all."""
+    speckle_range: int = 2
+    """Largest disparity difference inside a region, pixels, 0 to 100."""
+
+    def __post_init__(self) -> None:
+        _require_whole("stereo.block_size", self.block_size, 1, 11)
+        _require(self.block_size % 2 == 1, "stereo.block_size", self.block_size, "odd")
+        _require_whole("stereo.small_penalty", self.small_penalty, 0, 1000)
+        _require_whole("stereo.large_penalty", self.large_penalty, 1, 1000)
+        _require(self.large_penalty > self.small_penalty, "stereo.large_penalty", self.large_penalty, "above P1")
+        _require_whole("stereo.uniqueness", self.uniqueness, 0, 100)
+        _require_whole("stereo.tolerance", self.tolerance, 0, 1000)
+        _require_whole("stereo.speckle_size", self.speckle_size, 0, 10_000)
+        _require_whole("stereo.speckle_range", self.speckle_range, 0, 100)
+
+
+@dataclass(frozen=True)
 class FuseConfig:
     """What every method understands."""
 
@@ -234,8 +322,8 @@ DEFAULT_DISPARITY_SHARE = 120 / 695
 class PaperConfig(FuseConfig):
     """Method ``paper``; the defaults are section 3.1 of the paper, or our decision where it is silent."""
 
-    response: CdfResponseConfig = field(default_factory=CdfResponseConfig)
-    """Inverse response from histograms; skipped when a response is given."""
+    response: ResponseConfig = field(default_factory=ResponseConfig)
+    """Inverse response from histograms, or from SIFT matches; skipped when a response is given."""
     lattice: LatticeConfig = field(default_factory=LatticeConfig)
     """Super-pixels."""
     merging: MergingConfig = field(default_factory=MergingConfig)
@@ -252,6 +340,56 @@ class PaperConfig(FuseConfig):
     """Edge-preserving filter of the filled holes and of the weight map."""
     poisson: PoissonConfig = field(default_factory=PoissonConfig)
     """Poisson image editing."""
+
+
+@dataclass(frozen=True)
+class OracleConfig(PaperConfig):
+    """Method ``oracle``: that of ``paper``, without the rejection of warped pixels."""
+
+    rejection: RejectionConfig = field(default_factory=lambda: RejectionConfig(enabled=False))
+    """Off: the disparity is known to be right."""
+
+
+@dataclass(frozen=True)
+class Lin2009Config(FuseConfig):
+    """Method ``lin2009``."""
+
+    response: ResponseConfig = field(default_factory=lambda: ResponseConfig(samples="sift"))
+    """Inverse response from SIFT matches; skipped when a response is given."""
+    matching: WindowMatchingConfig = field(default_factory=WindowMatchingConfig)
+    """Window matching."""
+
+
+@dataclass(frozen=True)
+class Baetz2014Config(FuseConfig):
+    """Method ``baetz2014``."""
+
+    response: ResponseConfig = field(default_factory=ResponseConfig)
+    """Inverse response from histograms, only where no calibrated one is given."""
+    matching: WindowMatchingConfig = field(default_factory=WindowMatchingConfig)
+    """Window matching."""
+
+
+@dataclass(frozen=True)
+class Sun2010Config(FuseConfig):
+    """Method ``sun2010``."""
+
+    response: PolynomialResponseConfig = field(default_factory=PolynomialResponseConfig)
+    """Inverse response from the pixels of the first matching; skipped when a response is given."""
+    matching: WindowMatchingConfig = field(default_factory=WindowMatchingConfig)
+    """Window matching."""
+    bilateral: BilateralWindowConfig = field(default_factory=BilateralWindowConfig)
+    """Weights inside the window."""
+
+
+@dataclass(frozen=True)
+class OpencvConfig(FuseConfig):
+    """Method ``opencv``."""
+
+    response: ResponseConfig = field(default_factory=ResponseConfig)
+    """Inverse response from histograms; skipped when a response is given."""
+    stereo: OpencvStereoConfig = field(default_factory=OpencvStereoConfig)
+    """Semi-global block matching."""
 
 
 def config_from_mapping(config_type: type[ConfigT], values: Mapping[str, Any], where: str = "config") -> ConfigT:
@@ -290,6 +428,10 @@ def _checked(expected: Any, value: Any, where: str) -> Any:
             raise ConfigError(f"{where} is a table of settings, got {value!r}")
         return config_from_mapping(typing.cast(type, expected), value, where)
     accepted = typing.get_args(expected) or (expected,)
+    if typing.get_origin(expected) is Literal:
+        if value not in accepted:
+            raise ConfigError(f"{where} must be {_either(accepted)}, got {value!r}")
+        return value
     if float in accepted and type(value) is int:
         return float(value)
     if type(value) not in accepted:

@@ -1,11 +1,11 @@
-"""Forward warping of the auxiliary view into the main view (equation 10)."""
+"""Warping of the auxiliary view into the main view: forward (equation 10) and backward."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stereohdr.model import Disparity
+from stereohdr.model import Disparity, DisparityFlag
 
 
 def warp_forward(
@@ -46,3 +46,68 @@ def warp_forward(
     warped[y, x + d] = radiance[y, x]
     arrived[y, x + d] = True
     return warped, arrived
+
+
+def warp_backward(
+    image: NDArray[np.float32], disparity: Disparity
+) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    """Fetch for every matched main pixel its partner in the auxiliary view.
+
+    Parameters
+    ----------
+    image
+        ``(H, W, C)`` float32 of the auxiliary view.
+    disparity
+        Disparity of the **main** view.
+
+    Returns
+    -------
+    warped
+        ``(H, W, C)`` float32 in the main view's pixels; 0 where nothing was fetched.
+    arrived
+        ``(H, W)`` bool, True where the disparity is ``MATCHED`` and ``x - d`` lies inside the auxiliary view.
+
+    Notes
+    -----
+    ``x_auxiliary = x_main - d``, interpolated linearly between the two columns around it; whole disparities fetch
+    the pixels as they are.
+    """
+    height, width = disparity.values.shape
+    position = np.arange(width) - disparity.values.astype(np.float64)
+    seen = disparity.flags == DisparityFlag.MATCHED
+    arrived = seen & (position >= 0) & (position <= width - 1)
+    position = np.where(arrived, position, 0.0)
+    before = np.floor(position).astype(np.intp)
+    share = (position - before)[..., None].astype(np.float32)
+    row = np.arange(height)[:, None]
+    first, second = image[row, before], image[row, np.minimum(before + 1, width - 1)]
+    warped = np.where(share > 0, (1 - share) * first + share * second, first)
+    return np.where(arrived[..., None], warped, np.float32(0)), arrived
+
+
+def without_occluded(disparity: Disparity) -> Disparity:
+    """Return the map with only its ``MATCHED`` pixels known: the others have no place in the other view."""
+    matched = disparity.flags == DisparityFlag.MATCHED
+    return Disparity(
+        disparity.values, np.where(matched, disparity.flags, DisparityFlag.NOT_COMPUTED).astype(np.uint8)
+    )
+
+
+def main_view_disparity(of_auxiliary: Disparity) -> Disparity:
+    """Carry a disparity map of the auxiliary view over to the main view.
+
+    Returns
+    -------
+    ``(H, W)`` in the main view's pixels: the ``MATCHED`` values of `of_auxiliary`, each at its (rounded) partner,
+    the largest where several meet; ``NOT_COMPUTED`` where none arrives.
+    """
+    values, arrived = warp_forward(
+        of_auxiliary.values[..., None].astype(np.float32), without_occluded(of_auxiliary)
+    )
+    flags = np.where(arrived, DisparityFlag.MATCHED, DisparityFlag.NOT_COMPUTED).astype(np.uint8)
+    return Disparity(values[..., 0], flags)
+
+
+def auxiliary_view_disparity(of_main: Disparity) -> Disparity:
+    """Carry a disparity map of the main view over to the auxiliary view; see `main_view_disparity`."""
+    return main_view_disparity(of_main.mirrored()).mirrored()  # in a mirror the views change places

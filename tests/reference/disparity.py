@@ -82,3 +82,36 @@ def aggregate_rows(volume, segments, candidates, weights, start, offset, scores)
                             value += w * volume[y + offset + dy, column, d]
                             norm += w
                 scores[y, x, k] = value / norm
+
+
+def patch_vectors(padded, weights, range_factor, y, vectors):
+    side = weights.shape[0]
+    for x in range(vectors.shape[1]):
+        patch = padded[y : y + side, x : x + side].astype(np.float64)
+        w = weights * np.exp(-range_factor * (patch - patch[side // 2, side // 2]) ** 2)
+        vector = w * (patch - (w * patch).sum() / w.sum())
+        length = np.linalg.norm(vector)
+        flat = length <= 1e-6 * np.linalg.norm(w * patch)
+        vectors[:, x] = 0 if flat else vector.ravel() / length
+
+
+def correlation_rows(auxiliary, main, weights, range_factor, start, stop, volume):
+    _, width, disparities = volume.shape
+    of_auxiliary, of_main = np.zeros((2, weights.size, width))
+    for y in range(start, stop):
+        patch_vectors(auxiliary, weights, range_factor, y, of_auxiliary)
+        patch_vectors(main, weights, range_factor, y, of_main)
+        for x in range(width):
+            for d in range(disparities):
+                inside = x + d < width
+                volume[y - start, x, d] = of_auxiliary[:, x] @ of_main[:, x + d] if inside else -2
+
+
+def winner_rows(volume, start, of_main, of_auxiliary):
+    rows, width, disparities = volume.shape
+    for y in range(rows):
+        for x in range(width):
+            scores = [volume[y, x, d] for d in range(disparities) if x + d < width]
+            of_auxiliary[y + start, x] = int(np.argmax(scores))
+            scores = [volume[y, x - d, d] for d in range(disparities) if x - d >= 0]
+            of_main[y + start, x] = int(np.argmax(scores))

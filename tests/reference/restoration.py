@@ -47,6 +47,16 @@ def fill_from_nearest(segments, valid, hole, source):
     source[todo] = nearest[todo]
 
 
+def nearest_background(disparity, known, hole, source):
+    height, width = disparity.shape
+    for y in range(height):
+        columns = np.flatnonzero(known[y])
+        for x in range(width):
+            beside = [*columns[columns <= x][-1:], *columns[columns >= x][:1]]
+            best = min(beside, key=lambda c: (disparity[y, c], abs(c - x), c), default=-1)
+            source[y, x] = best if hole[y, x] else -1
+
+
 def recursive_pass(image, across, down):
     height, width, _ = image.shape
     for x in range(1, width):

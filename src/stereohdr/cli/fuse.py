@@ -36,7 +36,9 @@ def fuse_command(
         ),
     ] = None,
     main: Annotated[Side, typer.Option(help="The view in which the result is made.")] = Side.LEFT,
-    method: Annotated[str, typer.Option(help="How to fuse: paper.")] = "paper",
+    method: Annotated[
+        str, typer.Option(help="How to fuse: paper; to compare mv-only, opencv, lin2009, baetz2014, sun2010.")
+    ] = "paper",
     max_disparity: Annotated[
         int | None,
         typer.Option(metavar="N", help="Largest disparity in pixels; about 17 % of the width by default."),

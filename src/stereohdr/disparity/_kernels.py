@@ -196,3 +196,99 @@ def aggregate_rows(volume, segments, candidates, weights, start, offset, scores)
                             value += tap_weight[t] * np.float32(flat[tap_base[t] + d])
                             norm += tap_weight[t]
                     out[k] = value / norm
+
+
+@kernel
+def patch_vectors(padded, weights, range_factor, y, vectors):
+    """Fill ``vectors[k, x]``, float32, with the patch around pixel (y, x) of an edge-padded float32 image.
+
+    Tap k holds ``w (value - weighted mean)``, and the vector of a pixel has length 1: the dot product of two of
+    them is their normalised cross-correlation. ``w`` is `weights`, ``(2r+1, 2r+1)`` float64, times
+    ``exp(-range_factor (value - centre)^2)``. A flat patch gives the zero vector. Sums are float64, and the mean
+    is subtracted first, so that neither a large dynamic range nor low contrast costs digits.
+    """
+    side = weights.shape[0]
+    radius = side // 2
+    width = vectors.shape[1]
+    value = np.empty(side * side, dtype=np.float64)
+    share = np.empty(side * side, dtype=np.float64)
+    for x in range(width):
+        centre = np.float64(padded[y + radius, x + radius])
+        total = 0.0
+        mean = 0.0
+        k = 0
+        for dy in range(side):
+            for dx in range(side):
+                v = np.float64(padded[y + dy, x + dx])
+                w = weights[dy, dx]
+                if range_factor > 0.0:
+                    w *= np.exp(-range_factor * (v - centre) ** 2)
+                value[k] = v
+                share[k] = w
+                total += w
+                mean += w * v
+                k += 1
+        mean /= total
+        power = 0.0
+        scale = 0.0
+        for k in range(side * side):
+            scale += (share[k] * value[k]) ** 2
+            value[k] = share[k] * (value[k] - mean)
+            power += value[k] ** 2
+        factor = 0.0
+        if power > 1e-12 * scale:
+            factor = 1.0 / np.sqrt(power)
+        for k in range(side * side):
+            vectors[k, x] = factor * value[k]
+
+
+@kernel
+def correlation_rows(auxiliary, main, weights, range_factor, start, stop, volume):
+    """Fill ``volume[y - start, x, d]``, float32, with the correlation of the patches at x and x + d; -2 outside.
+
+    `auxiliary` and `main` are edge-padded float32 images, see `patch_vectors`.
+    """
+    disparities = volume.shape[2]
+    width = volume.shape[1]
+    taps = weights.size
+    vectors_a = np.empty((taps, width), dtype=np.float32)
+    vectors_m = np.empty((taps, width), dtype=np.float32)
+    for y in range(start, stop):
+        patch_vectors(auxiliary, weights, range_factor, y, vectors_a)
+        patch_vectors(main, weights, range_factor, y, vectors_m)
+        for x in range(width):
+            valid = min(disparities, width - x)
+            cell = volume[y - start, x, :valid]
+            cell[:] = 0.0
+            for k in range(taps):
+                a = vectors_a[k, x]
+                row = vectors_m[k, x : x + valid]
+                for d in range(valid):
+                    cell[d] += a * row[d]
+            volume[y - start, x, valid:] = -2.0
+
+
+@kernel
+def winner_rows(volume, start, of_main, of_auxiliary):
+    """Write the best disparity of each main and each auxiliary pixel of the rows in `volume`, ties to the smaller.
+
+    ``volume[y, x, d]`` compares auxiliary pixel x with main pixel x + d of image row y + start; the maps are
+    ``(H, W)`` int32.
+    """
+    rows, width, disparities = volume.shape
+    best = np.empty(width, dtype=np.float32)
+    for y in range(rows):
+        best[:] = -np.inf
+        main = of_main[y + start]
+        for x in range(width):
+            cell = volume[y, x]
+            valid = min(disparities, width - x)
+            winner = 0
+            for d in range(1, valid):
+                if cell[d] > cell[winner]:
+                    winner = d
+            of_auxiliary[y + start, x] = winner
+            for d in range(valid):  # a main pixel meets its disparities in descending order
+                if cell[d] >= best[x + d]:
+                    best[x + d] = cell[d]
+                    main[x + d] = d

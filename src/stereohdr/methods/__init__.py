@@ -11,7 +11,15 @@ from dataclasses import dataclass
 from importlib.metadata import entry_points
 from typing import Protocol
 
-from stereohdr.config import FuseConfig, PaperConfig
+from stereohdr.config import (
+    Baetz2014Config,
+    FuseConfig,
+    Lin2009Config,
+    OpencvConfig,
+    OracleConfig,
+    PaperConfig,
+    Sun2010Config,
+)
 from stereohdr.errors import ConfigError
 from stereohdr.model import Disparity, HdrResult, ResponseCurve, StereoPair
 from stereohdr.stage_log import StageLog
@@ -70,6 +78,36 @@ BUILT_IN = {
             "the main view alone, for comparison",
             FuseConfig,
             "stereohdr.methods.mv_only:fuse_mv_only",
+        ),
+        Method(
+            "opencv",
+            "what one would script with OpenCV: SGBM, warp, Debevec merge (needs the extra opencv)",
+            OpencvConfig,
+            "stereohdr.methods.opencv:fuse_opencv",
+        ),
+        Method(
+            "lin2009",
+            "Lin and Chang 2009, a stand-in: the original's inner details are not public",
+            Lin2009Config,
+            "stereohdr.methods.lin2009:fuse_lin2009",
+        ),
+        Method(
+            "sun2010",
+            "Sun, Mansour and Ward 2010, a stand-in: the original's inner details are not public",
+            Sun2010Config,
+            "stereohdr.methods.sun2010:fuse_sun2010",
+        ),
+        Method(
+            "baetz2014",
+            "Baetz et al. 2014, a stand-in: the original's inner details are not public",
+            Baetz2014Config,
+            "stereohdr.methods.baetz2014:fuse_baetz2014",
+        ),
+        Method(
+            "oracle",
+            "the paper's fusion of a known disparity, for comparison",
+            OracleConfig,
+            "stereohdr.methods.oracle:fuse_oracle",
         ),
     )
 }

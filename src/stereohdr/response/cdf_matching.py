@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from stereohdr.config import CdfResponseConfig
+from stereohdr.config import ResponseConfig
 from stereohdr.errors import ResponseError
 from stereohdr.model import RESPONSE_KNOTS, Photo, ResponseCurve, StereoPair
 from stereohdr.response.debevec1997 import solve_response
@@ -58,7 +58,9 @@ def knot_histograms(photo: Photo) -> NDArray[np.intp]:
     return histograms
 
 
-def estimate_response(pair: StereoPair, *, config: CdfResponseConfig | None = None) -> ResponseCurve:
+def estimate_response(
+    pair: StereoPair, *, config: ResponseConfig | None = None, max_disparity: int | None = None
+) -> ResponseCurve:
     """Estimate the inverse response of the camera type from one pair.
 
     Parameters
@@ -66,7 +68,9 @@ def estimate_response(pair: StereoPair, *, config: CdfResponseConfig | None = No
     pair
         Photos of the same camera type at two exposures.
     config
-        Smoothness of the curve.
+        Which sample pairs, and smoothness of the curve.
+    max_disparity
+        Largest plausible disparity of SIFT matches in pixels, see `sift_sample_pairs`.
 
     Returns
     -------
@@ -76,21 +80,28 @@ def estimate_response(pair: StereoPair, *, config: CdfResponseConfig | None = No
     ------
     ResponseError
         No channel has enough unclipped codes in common.
+    MissingDependencyError
+        SIFT samples are asked for, and scikit-image is not installed.
     """
-    config = config or CdfResponseConfig()
+    config = config or ResponseConfig()
+    if config.samples == "sift":
+        from stereohdr.response.sift_matching import sift_sample_pairs
+
+        samples = sift_sample_pairs(pair, max_disparity=max_disparity)
+        problem = "hardly any SIFT features match where both are well exposed"
+    else:
+        histograms = zip(knot_histograms(pair.main_photo), knot_histograms(pair.auxiliary_photo), strict=True)
+        samples = [cdf_sample_pairs(main, auxiliary) for main, auxiliary in histograms]
+        problem = "no overlap in exposure, hardly any radiance is coded by both"
     curves: list[NDArray[np.float64] | None] = []
-    for main, auxiliary in zip(
-        knot_histograms(pair.main_photo), knot_histograms(pair.auxiliary_photo), strict=True
-    ):
-        samples = cdf_sample_pairs(main, auxiliary)
-        enough = len(samples) >= MINIMUM_PAIRS
-        curves.append(solve_response(samples, pair.exposures, smoothness=config.smoothness) if enough else None)
+    for pairs in samples:
+        enough = len(pairs) >= MINIMUM_PAIRS
+        curves.append(solve_response(pairs, pair.exposures, smoothness=config.smoothness) if enough else None)
     known = [curve for curve in curves if curve is not None]
     if not known:
         raise ResponseError(
-            f"{pair.left.name} and {pair.right.name} have no overlap in exposure: hardly any radiance is "
-            f"coded by both, so the response cannot be estimated; give a saved response, or choose exposures "
-            f"that are closer together (the ratio is {pair.exposure_ratio:.3g})"
+            f"{pair.left.name} and {pair.right.name}: {problem}, so the response cannot be estimated; give a "
+            f"saved response, or choose exposures closer together (the ratio is {pair.exposure_ratio:.3g})"
         )
     mean = np.mean(known, axis=0)
     return ResponseCurve(np.stack([mean if curve is None else curve for curve in curves]))

@@ -128,3 +128,35 @@ def recursive_pass(image, across, down):
             v = down[y + 1, x]
             for c in range(channels):
                 image[y, x, c] = (one - v) * image[y, x, c] + v * image[y + 1, x, c]
+
+
+@kernel
+def nearest_background(disparity, known, hole, source):
+    """Write into ``source[y, x]`` of each hole the column of the background pixel of its row, or -1.
+
+    Of the nearest known pixels to the left and to the right, the one of smaller disparity; the nearer one, then
+    the left one, where these are equal.
+    """
+    height, width = disparity.shape
+    left = np.empty(width, dtype=np.int32)
+    for y in range(height):
+        last = -1
+        for x in range(width):
+            if known[y, x]:
+                last = x
+            left[x] = last
+        right = -1
+        for x in range(width - 1, -1, -1):
+            if known[y, x]:
+                right = x
+            source[y, x] = -1
+            if not hole[y, x]:
+                continue
+            chosen = left[x]
+            if chosen < 0:
+                chosen = right
+            elif right >= 0:
+                difference = disparity[y, right] - disparity[y, chosen]
+                if difference < 0 or (difference == 0 and right - x < x - chosen):
+                    chosen = right
+            source[y, x] = chosen
