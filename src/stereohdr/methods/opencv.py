@@ -103,7 +103,7 @@ def fuse_opencv(
 
 def _opencv() -> ModuleType:
     try:
-        import cv2
+        import cv2  # pyright: ignore[reportMissingImports]
     except ImportError as error:
         raise MissingDependencyError("method 'opencv' needs OpenCV; install stereohdr[opencv]") from error
     return cv2
