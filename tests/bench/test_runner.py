@@ -17,7 +17,11 @@ def test_finished_rows_survive_in_their_file(tmp_path):
     again = Results(path)
     assert again.get("a") == Row("s", "m", q=50.0)
     assert again.get("b") == Row("s", "n")
-    path.write_text(path.read_text() + "{broken\n")
+    whole = path.read_text()
+    path.write_text(whole + '{"key": "c", "sce')  # killed in the middle of a line
+    assert Results(path).get("b") == Row("s", "n")
+    assert path.read_text() == whole
+    path.write_text(whole + "{broken\n")
     with pytest.raises(FileFormatError, match="line 3 is not a finished row"):
         Results(path)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from dataclasses import asdict
@@ -16,6 +17,7 @@ from stereohdr.bench.rows import Row, as_json, score
 from stereohdr.datasets.registry import load_scene
 from stereohdr.errors import FileFormatError, StereoHdrError
 from stereohdr.metrics.protocol import Protocol
+from stereohdr.report import write_text
 from stereohdr.strips import available_threads
 
 
@@ -32,7 +34,11 @@ class Results:
         self._path = path
         self._rows: dict[str, Row] = {}
         if path.exists():
-            for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
+            text = path.read_text(encoding="utf-8")
+            whole = text[: text.rfind("\n") + 1]
+            if whole != text:  # a run was killed in the middle of a line: that row is not finished
+                write_text(path, whole)
+            for number, line in enumerate(whole.splitlines(), start=1):
                 try:
                     content = json.loads(line)
                     self._rows[content["key"]] = Row.from_json(content)
@@ -50,6 +56,8 @@ class Results:
         self._rows[key] = row
         with self._path.open("a", encoding="utf-8") as file:
             file.write(json.dumps({"key": key, **as_json(row)}) + "\n")
+            file.flush()
+            os.fsync(file.fileno())
 
 
 def row_key(scene: str, label: str, protocol: Protocol) -> str:
