@@ -252,13 +252,12 @@ def _draw(
         visibility_picture,
     )
 
-    main = scene.pair.main_photo
     scale = np.float32(aligning_scale_of(result.radiance, scene))
     mv_scale = np.float32(aligning_scale_of(main_radiance, scene))
     truth, alone, fused = tonemap_together([scene.reference, main_radiance * mv_scale, result.radiance * scale])
     tiles = [
         ("reference", truth),
-        (f"main view only ({main.name})", alone),
+        ("main view only", alone),
         (result.method, fused),
         (f"seen by HDR-VDP-2: Q {seen.q:.1f}", visibility_picture(seen.p_map, scene.reference)),
         ("disparity of the auxiliary view", heat(result.disparity.values, high=scene.max_disparity)),
