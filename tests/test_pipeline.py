@@ -257,9 +257,9 @@ def test_a_small_exposure_ratio_may_be_outweighed_by_the_view():
 def test_12_bit_codes_without_their_white_level_are_doubted():
     pair = make_pair(dtype=np.uint16, white=4095)
     wrong = StereoPair(replace(pair.left, white_level=65535), replace(pair.right, white_level=65535))
-    assert "white level 4095" in (doubtful_white_level(wrong) or "")
-    assert doubtful_white_level(pair) is None
-    assert doubtful_white_level(make_pair(dtype=np.uint16)) is None
+    assert "white level 4095" in (doubtful_white_level([wrong.left, wrong.right]) or "")
+    assert doubtful_white_level([pair.left, pair.right]) is None
+    assert doubtful_white_level([make_pair(dtype=np.uint16).left]) is None
 
 
 def test_a_curve_that_falls_is_warned_of(pair):
@@ -370,6 +370,8 @@ def test_a_known_disparity_replaces_the_estimate(main):
     known = Disparity(values, np.full((60, 90), DisparityFlag.MATCHED, np.uint8))
     result = fuse(pair, "paper", CONFIG, disparity=known, checks=False, keep_stages=True)
     np.testing.assert_array_equal(result.disparity.values, values)
+    short = fuse(pair, "paper", PaperConfig(max_disparity=3), disparity=known, checks=False)
+    assert short.statistics["disparity_min"] == 5  # even beyond the range that would have been searched
     landed = result.stages["arrived"]
     assert landed[:, 5:].all() if main == "left" else landed[:, :-5].all()
     with pytest.raises(InputError, match=r"shape \(3, 3\)"):

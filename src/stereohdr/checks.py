@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 from stereohdr.config import DEFAULT_DISPARITY_SHARE, ExposureMapConfig
 from stereohdr.errors import ExposureError, InputError
-from stereohdr.model import StereoPair
+from stereohdr.model import Photo, StereoPair
 from stereohdr.radiance import code_luma, exposure_map
 
 
@@ -65,15 +67,15 @@ def check_exposure_order(pair: StereoPair) -> None:
         )
 
 
-def doubtful_white_level(pair: StereoPair) -> str | None:
+def doubtful_white_level(photos: Sequence[Photo]) -> str | None:
     """Return a sentence when 16-bit codes use so few bits that the white level must be lower, else None."""
-    highest = max(int(photo.codes.max()) for photo in (pair.left, pair.right))
-    bits = highest.bit_length()
-    if min(pair.left.white, pair.right.white) < 65535 or bits > 14:
+    highest = max(int(photo.codes.max()) for photo in photos)
+    bits = max(10, highest.bit_length())
+    if min(photo.white for photo in photos) < 65535 or bits > 14:
         return None
     return (
-        f"the highest 16-bit code of both photos is {highest}; if the camera delivers {max(bits, 10)} bits, give "
-        f"the white level {2 ** max(bits, 10) - 1} (command line: --white-level), or clipped pixels go unnoticed"
+        f"the highest of the 16-bit codes is {highest}; if the camera delivers {bits} bits, give the white level "
+        f"{2**bits - 1} (command line: --white-level), or clipped pixels go unnoticed"
     )
 
 

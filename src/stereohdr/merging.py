@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from stereohdr.checks import doubtful_white_level
 from stereohdr.errors import ResponseError, StereoHdrWarning
 from stereohdr.model import RESPONSE_KNOTS, Photo, ResponseCurve
 from stereohdr.response.bracket import USED_CODES, bracket_exposures, check_bracket, estimate_bracket_response
@@ -68,7 +69,9 @@ def merge_bracket(
     in the dark that plain hat weights leave in either domain; for a linear 8-bit one it falls by a tenth.
     """
     check_bracket(photos)
-    _warn_of_unused_bits(photos)
+    doubt = doubtful_white_level(photos)
+    if doubt is not None:
+        warnings.warn(doubt, StereoHdrWarning, stacklevel=2)
     first = photos[0]
     if response is None:
         response = estimate_bracket_response(photos)
@@ -143,15 +146,3 @@ def _nearest_bound(
     bounded_below, bounded_above = at_least > 0, np.isfinite(at_most)
     middle = np.sqrt(at_least * np.where(bounded_above, at_most, 1.0))
     return np.where(bounded_below & bounded_above, middle, np.where(bounded_below, at_least, at_most))
-
-
-def _warn_of_unused_bits(photos: Sequence[Photo]) -> None:
-    highest = max(int(photo.codes.max()) for photo in photos)
-    bits = max(10, highest.bit_length())
-    if photos[0].white == 65535 and bits <= 14:
-        warnings.warn(
-            f"the highest 16-bit code of the bracket is {highest}; if the camera delivers {bits} bits, give the "
-            f"white level {2**bits - 1} (command line: --white-level), or clipped pixels go unnoticed",
-            StereoHdrWarning,
-            stacklevel=3,
-        )

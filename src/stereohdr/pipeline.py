@@ -69,13 +69,11 @@ def fuse(
     ExposureError
         The exposure times contradict the brightness of the photos.
     InputError
-        The photos of the left and the right camera are exchanged.
+        The photos of the left and the right camera are exchanged, or `disparity` has another size than the photos.
     ConfigError
         Unknown method, or a configuration that does not fit the pair.
     ResponseError
         `response` has another channel count, or none is given and the pair does not determine one.
-    InputError
-        `disparity` has another size than the photos.
 
     Warns
     -----
@@ -122,7 +120,7 @@ def fuse(
             chosen = get_method("mv-only")
         elif checks:
             check_exposure_order(pair)
-            for doubt in (doubtful_white_level(pair), check_views(pair)):
+            for doubt in (doubtful_white_level((pair.left, pair.right)), check_views(pair)):
                 if doubt is not None:
                     log.warn(doubt)
     run = chosen.load()

@@ -17,7 +17,7 @@ from stereohdr import HdrResult, StereoHdrWarning
 from stereohdr.bench.contenders import best_known_response, ceiling_radiance, run_contender
 from stereohdr.bench.published import published_score
 from stereohdr.datasets.scene import EvaluationScene, channel_mask, luminance_mask, visible_in_auxiliary
-from stereohdr.metrics import log2_error, log2_rmse
+from stereohdr.metrics import aligning_scale, log2_error, log2_rmse
 from stereohdr.metrics.hdrvdp2 import HdrVdp2Result, hdrvdp2
 from stereohdr.metrics.protocol import Protocol
 from stereohdr.metrics.pu21 import pu21_psnr, pu21_ssim
@@ -252,8 +252,10 @@ def _draw(
         visibility_picture,
     )
 
-    scale = np.float32(aligning_scale_of(result.radiance, scene))
-    mv_scale = np.float32(aligning_scale_of(main_radiance, scene))
+    main = scene.pair.main_photo
+    scale, mv_scale = (
+        np.float32(aligning_scale(image, scene.reference, main)) for image in (result.radiance, main_radiance)
+    )
     truth, alone, fused = tonemap_together([scene.reference, main_radiance * mv_scale, result.radiance * scale])
     tiles = [
         ("reference", truth),
@@ -264,13 +266,6 @@ def _draw(
         ("source: grey main, green auxiliary, others filled", source_colours(result.source)),
     ]
     write_png(path, contact_sheet(tiles, columns=3, title=f"{scene.name}: {result.method}"))
-
-
-def aligning_scale_of(radiance: NDArray[np.float32], scene: EvaluationScene) -> float:
-    """Return the factor that brings `radiance` to the scale of the scene's reference."""
-    from stereohdr.metrics import aligning_scale
-
-    return aligning_scale(radiance, scene.reference, scene.pair.main_photo)
 
 
 def as_json(row: Row) -> dict:

@@ -119,7 +119,7 @@ def fuse_paper(
             "rejected_share": float((interest & rejected).mean()),
             "no_information_share": float((source == SourceFlag.NO_INFORMATION).mean()),
             "disparity_searched": float(max_disparity),
-            "disparity_min": float(matched.min(initial=max_disparity)) if matched.size else 0.0,
+            "disparity_min": float(matched.min()) if matched.size else 0.0,
             "disparity_max": float(matched.max(initial=0)),
         },
     )
