@@ -76,6 +76,38 @@ class PolynomialResponseConfig:
 
 
 @dataclass(frozen=True)
+class ParametricResponseConfig:
+    """Response as a mixture of a gamma and the sRGB curve, bent by a polynomial (`fit_parametric_response`)."""
+
+    degree: int = 4
+    """Degree of the polynomial, 0 to 8."""
+    ridge: float = 1e-4
+    """Weight of the polynomial's squared coefficients against a fit of total weight 1, > 0."""
+    tie: float = 0.1
+    """Weight of the squared differences between the channels' coefficients, >= 0."""
+    outlier_scale: float = 0.05
+    """Residual (ln X) from which on a pair counts less than half, > 0."""
+    lowest_code: int = 4
+    """Codes (of 255) below it do not take part: clipping bends the relation."""
+    highest_code: int = 247
+    """Codes (of 255) above it do not take part."""
+    fewest_pixels: int = 40
+    """Pixels that a pair of codes needs behind it, at least 1."""
+    most_outside: float = 0.2
+    """Largest share (0..1) of a code's partners that may lie beyond these codes."""
+
+    def __post_init__(self) -> None:
+        _require_whole("response.degree", self.degree, 0, 8)
+        _require_number("response.ridge", self.ridge, 1e-12, 1e6)
+        _require_number("response.tie", self.tie, 0, 1e6)
+        _require_number("response.outlier_scale", self.outlier_scale, 1e-6, 10)
+        _require_whole("response.lowest_code", self.lowest_code, 0, 255)
+        _require_whole("response.highest_code", self.highest_code, self.lowest_code + 1, 255)
+        _require_whole("response.fewest_pixels", self.fewest_pixels, 1, 1_000_000)
+        _require_number("response.most_outside", self.most_outside, 0, 1)
+
+
+@dataclass(frozen=True)
 class ExposureMapConfig:
     """Under- and over-exposed map S (equation 1)."""
 
@@ -250,6 +282,88 @@ class BilateralWindowConfig:
 
 
 @dataclass(frozen=True)
+class SemiGlobalConfig:
+    """Semi-global matching (Hirschmueller 2008): how much a change of disparity costs along the paths.
+
+    Costs count unequal census codes, 0 to 48 per pixel.
+    """
+
+    paths: Literal[4, 8] = 8
+    """Directions that are followed: 8, or 4 (horizontal and vertical only), which is faster and less smooth."""
+    small_penalty: int = 19
+    """P1, for a disparity that changes by 1 from pixel to pixel; 0 to 100. Our choice, 0.4 of the largest cost."""
+    large_penalty: int = 95
+    """P2, for a larger change between pixels of the same brightness; above P1, up to 200. Our choice, 5 P1."""
+    edge_factor: float = 30.0
+    """P2 is divided by 1 + this times the difference of the log luminance (but stays above P1): depth changes
+    where the brightness does; 0 to 1e6. Our choice."""
+    outside_cost: int = 20
+    """Cost of a disparity that leads out of the other view, 0 to 48: close to that of a fair match, so that
+    neighbours decide. Our choice."""
+
+    def __post_init__(self) -> None:
+        _require(self.paths in (4, 8), "semiglobal.paths", self.paths, "4 or 8")
+        _require_whole("semiglobal.small_penalty", self.small_penalty, 0, 100)
+        _require_whole("semiglobal.large_penalty", self.large_penalty, 1, 200)
+        _require(
+            self.large_penalty > self.small_penalty, "semiglobal.large_penalty", self.large_penalty, "above P1"
+        )
+        _require_number("semiglobal.edge_factor", self.edge_factor, 0, 1e6)
+        _require_whole("semiglobal.outside_cost", self.outside_cost, 0, 48)
+
+
+@dataclass(frozen=True)
+class TwoWayConfig:
+    """What counts as confirmed, and how confident a match is (`match_two_ways`)."""
+
+    runs: Literal[1, 2] = 2
+    """2 matches along the edges of each view; 1 along those of the main view only, which is faster."""
+    tolerance: float = 1.5
+    """Disparities of both views, or of both runs, this close are the same; pixels, >= 0."""
+    one_run: float = 0.6
+    """Confidence of a match that one of the two runs confirms, against 1 for both; 0 to 1."""
+    usual_margin: float = 40.0
+    """Margin (`SemiGlobalMatch.margin`) that halves the confidence, > 0."""
+
+    def __post_init__(self) -> None:
+        _require(self.runs in (1, 2), "two_way.runs", self.runs, "1 or 2")
+        _require_number("two_way.tolerance", self.tolerance, 0, 100)
+        _require_number("two_way.one_run", self.one_run, 0, 1)
+        _require_number("two_way.usual_margin", self.usual_margin, 1e-3, 1e6)
+
+
+@dataclass(frozen=True)
+class SurveyConfig:
+    """The first look at a pair, at reduced size (`stereohdr.survey`)."""
+
+    width: int = 360
+    """Columns to which the pair is reduced at most, 32 to 4096."""
+    search_share: float = 0.45
+    """Largest disparity that is tried when none is given, as a share of the width, 0 to 1."""
+    negative_share: float = 0.06
+    """Negative disparities that are tried when none is given (rectification may leave them), as a share of the
+    width, 0 to 1."""
+    sure: float = 0.6
+    """Confidence from which on a match tells about the range of disparities, 0 to 1."""
+    outlier_share: float = 0.001
+    """Share (0 to 0.5) of these matches at either end that may be wrong."""
+    negative_evidence: float = 0.01
+    """Share (0 to 1) of these matches that must be negative before negative disparities are searched."""
+    smallest_offset: float = 0.3
+    """Vertical offset between the views from which on the auxiliary view is shifted, rows, > 0. (Shifting by a
+    part of a row costs sharpness.)"""
+
+    def __post_init__(self) -> None:
+        _require_whole("survey.width", self.width, 32, 4096)
+        _require_number("survey.search_share", self.search_share, 0, 1)
+        _require_number("survey.negative_share", self.negative_share, 0, 1)
+        _require_number("survey.sure", self.sure, 0, 1)
+        _require_number("survey.outlier_share", self.outlier_share, 0, 0.5)
+        _require_number("survey.smallest_offset", self.smallest_offset, 1e-6, 1e6)
+        _require_number("survey.negative_evidence", self.negative_evidence, 0, 1)
+
+
+@dataclass(frozen=True)
 class OpencvStereoConfig:
     """OpenCV's semi-global block matching, with the values of its documentation and samples."""
 
@@ -348,6 +462,122 @@ class OracleConfig(PaperConfig):
 
     rejection: RejectionConfig = field(default_factory=lambda: RejectionConfig(enabled=False))
     """Off: the disparity is known to be right."""
+
+
+@dataclass(frozen=True)
+class AgreementConfig:
+    """Which warped radiance can be what the main view saw (`agrees_with_main`)."""
+
+    codes: float = 10.0
+    """Half width c of the interval E(z - c) to E(z + c), codes of 255, >= 0."""
+    auxiliary_codes: float = 4.0
+    """The same for the auxiliary view's codes, c', where they are the coarser ones; codes of 255, >= 0."""
+    slack: float = 0.1
+    """Relative widening of the interval, for errors of the response; 0 to 10."""
+    borrowed_slack: float = 0.3
+    """The same where the disparity is borrowed from the background."""
+    white_code: float = 245.0
+    """From this code (of 255) on there is no upper limit: sensors bend before they clip. Also what counts as
+    clipped in both views."""
+    black_code: float = 10.0
+    """Up to this code (of 255) there is no lower limit."""
+    support: int = 2
+    """Radius of the window in which more than half of the pixels must agree, pixels, 0 to 20."""
+
+    def __post_init__(self) -> None:
+        _require_number("agreement.codes", self.codes, 0, 255)
+        _require_number("agreement.auxiliary_codes", self.auxiliary_codes, 0, 255)
+        _require_number("agreement.slack", self.slack, 0, 10)
+        _require_number("agreement.borrowed_slack", self.borrowed_slack, 0, 10)
+        _require_number("agreement.black_code", self.black_code, 0, 255)
+        _require_number("agreement.white_code", self.white_code, self.black_code, 255)
+        _require_whole("agreement.support", self.support, 0, 20)
+
+
+@dataclass(frozen=True)
+class HighlightsConfig:
+    """Errors (standard deviations, ln units, 0.001 to 100) of what is known of clipped pixels."""
+
+    level_error: float = 0.03
+    """Matched auxiliary radiance."""
+    gradient_error: float = 0.03
+    """Differences of matched neighbours."""
+    borrowed_level_error: float = 0.25
+    """Auxiliary radiance at a disparity borrowed from the background."""
+    borrowed_gradient_error: float = 0.1
+    """Differences of neighbours of which one is borrowed."""
+    colour_error: float = 0.2
+    """Differences of neighbours, taken from the channels that are not clipped."""
+    smoothness_error: float = 0.1
+    """Differences of neighbours of which nothing is known, against 0."""
+    prior_correlation: float = 4.0
+    """Pixels that count as one where only the mean of their class is known: they are not independent."""
+
+    def __post_init__(self) -> None:
+        for field_ in fields(self):
+            _require_number(f"highlights.{field_.name}", getattr(self, field_.name), 1e-3, 100)
+
+
+@dataclass(frozen=True)
+class ShadowsConfig:
+    """How noisy pixels are cleaned (`clean_shadows`)."""
+
+    radius: int = 3
+    """Radius of the windows in which the views are compared, pixels, 1 to 50."""
+    noise_radius: int = 2
+    """Radius of the windows in which the noise is measured, pixels, 1 to 50."""
+    clean_noise: float = 0.01
+    """Relative noise below which a pixel stays as it is; from twice this on it is cleaned fully. 1e-6 to 10."""
+    level_error: float = 0.05
+    """Relative error of the auxiliary view's level (vignetting, gloss, response), 0 to 10."""
+    slope_pull: float = 4.0
+    """How strongly noise draws the slope of the relation to 1, 0 to 1e6."""
+    fewest_share: float = 0.4
+    """Share of a window that must be usable, 0 to 1."""
+    alone_share: float = 0.7
+    """How far a noisy pixel without a usable match is drawn to its neighbours, 0 to 1: among them noise and fine
+    structure look alike."""
+    lowest: float = 0.3
+    """The result stays above this share of the darker one of both views, 0 to 1."""
+
+    def __post_init__(self) -> None:
+        _require_whole("shadows.radius", self.radius, 1, 50)
+        _require_whole("shadows.noise_radius", self.noise_radius, 1, 50)
+        _require_number("shadows.clean_noise", self.clean_noise, 1e-6, 10)
+        _require_number("shadows.level_error", self.level_error, 0, 10)
+        _require_number("shadows.slope_pull", self.slope_pull, 0, 1e6)
+        _require_number("shadows.fewest_share", self.fewest_share, 0, 1)
+        _require_number("shadows.alone_share", self.alone_share, 0, 1)
+        _require_number("shadows.lowest", self.lowest, 0, 1)
+
+
+@dataclass(frozen=True)
+class RobustConfig(FuseConfig):
+    """Method ``robust``; our own choices throughout, measured on the benchmark."""
+
+    max_disparity: int | None = None
+    """Largest disparity that is searched, pixels, below the image width; the search then begins at 0. None finds
+    the range, also a negative one, from the pair."""
+    survey: SurveyConfig = field(default_factory=SurveyConfig)
+    """First look at reduced size."""
+    response: ParametricResponseConfig = field(default_factory=ParametricResponseConfig)
+    """Response from few parameters; skipped when a response is given."""
+    response_rounds: Literal[1, 2] = 2
+    """1 keeps the response of the survey, 2 fits it again to the matches at full size."""
+    toe: bool = True
+    """Whether the lowest codes are set to what the longer exposure measures there."""
+    census: CensusConfig = field(default_factory=CensusConfig)
+    """Pixel codes that are matched."""
+    semiglobal: SemiGlobalConfig = field(default_factory=SemiGlobalConfig)
+    """Matching."""
+    two_way: TwoWayConfig = field(default_factory=TwoWayConfig)
+    """Left-right check and confidence."""
+    agreement: AgreementConfig = field(default_factory=AgreementConfig)
+    """Which matches can be true."""
+    highlights: HighlightsConfig = field(default_factory=HighlightsConfig)
+    """Restoring clipped channels, when the auxiliary exposure is the shorter one."""
+    shadows: ShadowsConfig = field(default_factory=ShadowsConfig)
+    """Cleaning noisy pixels, when the auxiliary exposure is the longer one."""
 
 
 @dataclass(frozen=True)
