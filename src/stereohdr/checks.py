@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from stereohdr.config import DEFAULT_DISPARITY_SHARE, ExposureMapConfig
 from stereohdr.errors import ExposureError, InputError
-from stereohdr.model import Photo, StereoPair
+from stereohdr.model import Photo, ResponseCurve, StereoPair
 from stereohdr.radiance import code_luma, exposure_map
 
 
@@ -24,6 +24,61 @@ def unusable_view(pair: StereoPair, *, config: ExposureMapConfig | None = None) 
             state = "black" if dark else "white" if bright else "black or white"
             return f"{photo.name}: every pixel is {state}, so stereo cannot use it"
     return None
+
+
+SAME_MATRIX = 0.02
+"""Colour matrices of one camera model agree within this; DNG files of two units may differ a little."""
+
+
+def check_same_camera(pair: StereoPair, response: ResponseCurve | None = None) -> str | None:
+    """Check that one response can hold for both photos.
+
+    Parameters
+    ----------
+    pair
+        Photos; only what their files state is looked at.
+    response
+        A response that the user gives for both, None when there is none.
+
+    Returns
+    -------
+    A sentence to warn with when the photos come from different cameras, else None.
+
+    Raises
+    ------
+    InputError
+        The photos are raw files of different cameras, or only one of them is linear, and no response is given.
+    """
+    left, right = pair.left, pair.right
+    differ = None not in (left.camera, right.camera) and left.camera != right.camera
+    if response is None and left.linear != right.linear:
+        linear, other = (left, right) if left.linear else (right, left)
+        raise InputError(
+            f"{linear.name} is linear sensor data, {other.name} is not; give both photos in the same format"
+        )
+    if response is None and left.linear and left.colour_matrix is not None and right.colour_matrix is not None:
+        differ |= bool(np.abs(left.colour_matrix - right.colour_matrix).max() > SAME_MATRIX)
+    if not differ:
+        return None
+    cameras = (
+        f"{left.name} comes from {left.camera or 'one camera'}, {right.name} from {right.camera or 'another'}"
+    )
+    if response is None and left.linear:
+        raise InputError(
+            f"{cameras}: their raw codes do not mean the same light; give raw files of two cameras of one model, "
+            f"or developed pictures"
+        )
+    return f"{cameras}; one response is assumed for both, so give two cameras of one model"
+
+
+def estimated_ratio(pair: StereoPair) -> str | None:
+    """Return a sentence when the exposures of the pair are an estimate, else None."""
+    if "estimated" not in (pair.left.exposure_source, pair.right.exposure_source):
+        return None
+    return (
+        f"the exposure ratio {pair.exposure_ratio:.3g} was estimated from the photos and is only as good as the "
+        f"response that was assumed for it; give the exposure times if you can"
+    )
 
 
 CLEAR_RATIO = 1.5

@@ -21,6 +21,10 @@ class FileFormatError(InputError):
     """A file cannot be read, or not be written in the format that its name asks for."""
 
 
+class OutputError(StereoHdrError):
+    """A file could not be written although its name is fine: the disk is full, or writing is not permitted."""
+
+
 class ResponseError(InputError):
     """A response curve is malformed, or the pair does not determine one."""
 

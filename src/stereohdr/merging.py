@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from stereohdr.camera_colour import to_bt709, white_balanced
 from stereohdr.checks import doubtful_white_level
 from stereohdr.errors import ResponseError, StereoHdrWarning
 from stereohdr.model import RESPONSE_KNOTS, Photo, ResponseCurve
@@ -35,7 +36,8 @@ def merge_bracket(
         Two or more registered photos ``(H, W, C)`` of equal size, channels and white level, 8 to 16 bits, each
         with its own exposure time; ISO and f-number count when all photos state them. In any order.
     response
-        The camera's response with C channels; estimated from the bracket when None.
+        The camera's response with C channels. When None, that of the first photo where all photos bring one
+        (camera raw files; the radiance is then converted to BT.709), else it is estimated from the bracket.
 
     Returns
     -------
@@ -72,6 +74,10 @@ def merge_bracket(
     doubt = doubtful_white_level(photos)
     if doubt is not None:
         warnings.warn(doubt, StereoHdrWarning, stacklevel=2)
+    in_camera_colours = response is None and all(photo.linear for photo in photos)
+    if in_camera_colours:
+        photos = white_balanced(photos, as_in=photos[0])
+        response = photos[0].response
     first = photos[0]
     if response is None:
         response = estimate_bracket_response(photos)
@@ -93,6 +99,8 @@ def merge_bracket(
             seen = [photos[i].codes[rows, :, channel] for i in order]
             radiance[rows, :, channel], lost = _merged_channel(seen, times, table)
             clipped[rows] |= lost
+    if in_camera_colours:
+        radiance = to_bt709(radiance, first.colour_matrix)
     return radiance, clipped
 
 

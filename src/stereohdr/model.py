@@ -26,6 +26,9 @@ if TYPE_CHECKING:
 
 View = Literal["left", "right"]
 
+ExposureSource = Literal["given", "file", "estimated"]
+"""Where an exposure time comes from: the user, the file's metadata, or the photos themselves."""
+
 RESPONSE_KNOTS = 256
 """Number of evenly spaced codes at which a response curve is stored."""
 
@@ -69,7 +72,10 @@ class DisparityFlag(IntEnum):
     MATCHED = 1
     """Found by matching, or known from the scene."""
     OCCLUDED = 2
-    """Known to be invisible in the other view; the value is that of the surface seen here."""
+    """Invisible in the other view. The value is that of the surface seen here where that is known, else that of the
+    background beside it."""
+    MISMATCHED = 3
+    """Matched, but the other view does not confirm it; the value is that of the background beside it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,11 +96,28 @@ class Photo:
         Aperture and sensitivity, used when both photos of a pair state them.
     name
         What messages call this photo, usually its file name.
+    camera
+        Maker and model, None when unknown.
+    exposure_source
+        Where `exposure_time` comes from, None when nobody said. An estimated time is one of a pair: only its
+        ratio to the other one means something.
+    response
+        Known inverse response of these codes, with C channels; None when it must be estimated. Camera raw files
+        bring theirs, a linear one. It is used where both photos of a pair have one.
+    full_scale
+        Codes of the sensor that the white level stands for, where the response is known; None when it is not. A
+        code means the same light in two photos of one sensor, so differing ones count as exposure.
+    white_balance
+        C positive factors on linear codes that make grey equal in all channels, as shot; None when the codes are
+        balanced already, or nothing is known.
+    colour_matrix
+        ``(3, 3)`` float64 from the camera's white-balanced linear RGB to linear BT.709; None when the codes are
+        in display colours already, or nothing is known.
 
     Raises
     ------
     InputError
-        Wrong dtype, shape or white level.
+        Wrong dtype, shape or white level; a malformed white balance or colour matrix.
     ExposureError
         Exposure time, f-number or ISO is not a positive number.
     """
@@ -105,6 +128,12 @@ class Photo:
     f_number: float | None = None
     iso: float | None = None
     name: str = "photo"
+    camera: str | None = None
+    exposure_source: ExposureSource | None = None
+    response: ResponseCurve | None = None
+    full_scale: float | None = None
+    white_balance: tuple[float, ...] | None = None
+    colour_matrix: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
         codes = np.asarray(self.codes)
@@ -148,6 +177,22 @@ class Photo:
         ):
             if value is not None and not (math.isfinite(value) and value > 0):
                 raise ExposureError(f"{self.name}: {label} must be a positive number, got {value}")
+        if self.white_balance is not None:
+            gains = tuple(float(gain) for gain in self.white_balance)
+            if len(gains) != codes.shape[2] or not all(math.isfinite(gain) and gain > 0 for gain in gains):
+                raise InputError(
+                    f"{self.name}: the white balance of {codes.shape[2]} channel(s) is as many positive factors, "
+                    f"got {self.white_balance}"
+                )
+            object.__setattr__(self, "white_balance", gains)
+        if self.colour_matrix is not None:
+            matrix = np.array(self.colour_matrix, dtype=np.float64)
+            if matrix.shape != (3, 3) or not np.isfinite(matrix).all():
+                raise InputError(
+                    f"{self.name}: a colour matrix holds 3x3 finite numbers, got shape {matrix.shape}"
+                )
+            matrix.flags.writeable = False
+            object.__setattr__(self, "colour_matrix", matrix)
         object.__setattr__(self, "codes", np.ascontiguousarray(codes))
         object.__setattr__(self, "white_level", int(white))
 
@@ -177,6 +222,11 @@ class Photo:
     def channels(self) -> int:
         """1 (grey) or 3 (RGB)."""
         return self.codes.shape[2]
+
+    @property
+    def linear(self) -> bool:
+        """Whether the codes are known to be what a linear sensor delivered (its response needs no estimate)."""
+        return self.response is not None
 
     def mirrored(self) -> Self:
         """Return this photo with left and right exchanged."""
@@ -227,7 +277,7 @@ class StereoPair:
             if photo.exposure_time is None:
                 raise ExposureError(
                     f"{photo.name}: the exposure time is not known; give both times in seconds, left then "
-                    f"right (command line: --exposures 1/60 1/15)"
+                    f"right (command line: --exposures 1/60 1/15, or --estimate-ratio)"
                 )
         t_main, t_auxiliary = self.exposures
         if abs(t_main - t_auxiliary) <= IDENTICAL_EXPOSURE_TOLERANCE * max(t_main, t_auxiliary):
@@ -251,7 +301,7 @@ class StereoPair:
         """Effective exposure times ``(main, auxiliary)`` in seconds.
 
         The auxiliary time is expressed at the main camera's f-number and ISO when both photos state them:
-        exposure value = time x (ISO / 100) / f_number^2.
+        exposure value = time x (ISO / 100) / f_number^2. So is a differing `Photo.full_scale`.
         """
         main, auxiliary = self.main_photo, self.auxiliary_photo
         assert main.exposure_time is not None
@@ -261,7 +311,14 @@ class StereoPair:
             t_auxiliary *= auxiliary.iso / main.iso
         if main.f_number is not None and auxiliary.f_number is not None:
             t_auxiliary *= (main.f_number / auxiliary.f_number) ** 2
+        if main.full_scale is not None and auxiliary.full_scale is not None:
+            t_auxiliary *= main.full_scale / auxiliary.full_scale
         return main.exposure_time, t_auxiliary
+
+    @property
+    def known_response(self) -> ResponseCurve | None:
+        """The response that the main photo brings, None unless both photos bring one."""
+        return self.main_photo.response if self.auxiliary_photo.linear else None
 
     @property
     def exposure_ratio(self) -> float:
@@ -334,6 +391,37 @@ class ResponseCurve:
         code = np.arange(RESPONSE_KNOTS) / (RESPONSE_KNOTS - 1)
         code[0] = 0.5 * code[1]
         return cls(np.tile(exponent * np.log(code / code[MID_KNOT]), (channels, 1)))
+
+    @classmethod
+    def linear(cls, channels: int = 3, *, white_level: int = RESPONSE_KNOTS - 1) -> Self:
+        """Return the response of a linear sensor without a pedestal: exposure proportional to the code.
+
+        Parameters
+        ----------
+        channels
+            1 (grey) or 3 (RGB).
+        white_level
+            Code at which the sensor clips. Code 0 stands for half a code of this scale, so that the codes of a
+            deep sensor stay linear, to half a code in the darkest 256th of them.
+        """
+        exposure = np.arange(RESPONSE_KNOTS) / (RESPONSE_KNOTS - 1)
+        exposure[0] = 0.5 / white_level
+        return cls(np.tile(np.log(exposure / exposure[MID_KNOT]), (channels, 1)))
+
+    def with_channels(self, channels: int) -> Self:
+        """Return the curve for `channels` channels: a grey one is repeated, any other must have as many.
+
+        Raises
+        ------
+        ResponseError
+            It has another number of channels.
+        """
+        if self.channels not in (1, channels):
+            raise ResponseError(
+                f"the response curve has {self.channels} channels, the photos have {channels}; "
+                f"give a response of the same camera and mode"
+            )
+        return type(self)(np.broadcast_to(self.log_exposure, (channels, RESPONSE_KNOTS)))
 
     @property
     def channels(self) -> int:
@@ -417,7 +505,8 @@ class Disparity:
     Parameters
     ----------
     values
-        ``(H, W)`` float32, pixels, >= 0; 0 where nothing was computed.
+        ``(H, W)`` float32, pixels, ``x_main = x_auxiliary + d``, negative only where rectification left it so; 0
+        where nothing was computed.
     flags
         ``(H, W)`` uint8 of `DisparityFlag`.
     """
@@ -469,6 +558,13 @@ class HdrResult:
         Effective exposure times ``(main, auxiliary)`` in seconds.
     main
         Which camera the result belongs to.
+    main_disparity
+        Disparity of the main view, in its pixels; None when the method does not make one.
+    confidence
+        ``(H, W)`` float32, 0..1, how sure `main_disparity` is; None when the method does not say.
+    rectification
+        How the photos were rectified and how well that fits, see `stereohdr.rectification.rectify_pair`; None when
+        they were taken as they are.
     """
 
     radiance: NDArray[np.float32]
@@ -485,6 +581,9 @@ class HdrResult:
     versions: Mapping[str, str] = field(default_factory=dict)
     exposures: tuple[float, float] = (math.nan, math.nan)
     main: View = "left"
+    main_disparity: Disparity | None = None
+    confidence: NDArray[np.float32] | None = None
+    rectification: Mapping[str, Any] | None = None
 
     def __repr__(self) -> str:
         height, width, channels = self.radiance.shape
@@ -500,4 +599,6 @@ class HdrResult:
             disparity=self.disparity.mirrored(),
             stages={name: array[:, ::-1].copy() for name, array in self.stages.items()},
             main="left" if self.main == "right" else "right",
+            main_disparity=self.main_disparity and self.main_disparity.mirrored(),
+            confidence=None if self.confidence is None else self.confidence[:, ::-1].copy(),
         )

@@ -5,7 +5,7 @@ import OpenEXR
 import pytest
 
 from stereohdr.errors import FileFormatError, InputError, StereoHdrWarning
-from stereohdr.io.exr import read_exr, write_exr
+from stereohdr.io.exr import read_exr, read_exr_layers, write_exr
 
 RNG = np.random.default_rng(7)
 RGB = RNG.lognormal(0, 4, (33, 21, 3)).astype(np.float32)
@@ -59,12 +59,13 @@ def test_attributes_come_back(tmp_path):
         "triple": [1, 2, 3],
         "array": np.arange(5) / 4,
         "names": ["left", "right"],
-        "chromaticities": (0.64, 0.33, 0.3, 0.6, 0.15, 0.06, 0.3127, 0.329),
+        "chromaticities": (0.68, 0.32, 0.265, 0.69, 0.15, 0.06, 0.3127, 0.329),
         "expTime": 0.125,
         "n" * 40: "long name",
     }
     write_exr(tmp_path / "a.exr", RGB, given)
-    got = read_exr(tmp_path / "a.exr")[1]
+    with pytest.warns(StereoHdrWarning, match="its primaries are not those of BT.709"):
+        got = read_exr(tmp_path / "a.exr")[1]
     assert got.keys() == given.keys()
     assert got["text"] == "übung\nzwei"
     assert got["empty"] == ""
@@ -80,6 +81,81 @@ def test_attributes_come_back(tmp_path):
     assert got["chromaticities"] == pytest.approx(given["chromaticities"], rel=1e-6)
     assert got["expTime"] == 0.125
     assert got["n" * 40] == "long name"
+
+
+def test_colour_images_state_the_primaries_of_bt709(tmp_path):
+    write_exr(tmp_path / "a.exr", RGB)
+    with OpenEXR.File(str(tmp_path / "a.exr")) as file:
+        stated = file.header()["chromaticities"]
+    assert stated == pytest.approx((0.64, 0.33, 0.3, 0.6, 0.15, 0.06, 0.3127, 0.329), rel=1e-6)
+    assert read_exr(tmp_path / "a.exr")[1] == {}
+    write_exr(tmp_path / "a.exr", RGB[..., :1])
+    with OpenEXR.File(str(tmp_path / "a.exr")) as file:
+        assert "chromaticities" not in file.header()
+
+
+def test_half_floats_keep_eleven_bits(tmp_path):
+    image = RGB.clip(1e-3, 6e4)
+    write_exr(tmp_path / "a.exr", image, half=True)
+    with OpenEXR.File(str(tmp_path / "a.exr"), separate_channels=True) as file:
+        assert {channel.pixels.dtype for channel in file.channels().values()} == {np.dtype(np.float16)}
+    back = read_exr(tmp_path / "a.exr")[0]
+    np.testing.assert_array_equal(back, image.astype(np.float16).astype(np.float32))
+    assert (np.abs(back - image) / image).max() <= 2**-11
+
+
+def test_half_floats_never_become_infinite(tmp_path):
+    image = np.full((5, 8, 3), 2.0, np.float32)
+    image[2, 3] = [7e4, 65520.0, 1.0]  # 65520 is the first number that rounds to infinity
+    with pytest.warns(StereoHdrWarning, match=r"1\.67 % of the values are above 65504 and were stored as that"):
+        write_exr(tmp_path / "a.exr", image, half=True)
+    np.testing.assert_array_equal(read_exr(tmp_path / "a.exr")[0][2, 3], [65504, 65504, 1])
+    with pytest.warns(StereoHdrWarning, match=r"100 % of the values are below 6e-05 and lost precision"):
+        write_exr(tmp_path / "a.exr", np.full((2, 2, 1), 1e-6, np.float32), half=True)
+
+
+def test_layers_are_further_channels(tmp_path):
+    rng = np.random.default_rng(5)
+    layers = {
+        "disparity.Z": rng.uniform(0, 90, RGB.shape[:2]).astype(np.float32),
+        "source.I": rng.integers(0, 6, RGB.shape[:2]).astype(np.uint8),
+        "confidence.Y": rng.uniform(size=RGB.shape[:2]),
+    }
+    for half in (False, True):
+        write_exr(tmp_path / "a.exr", RGB.clip(1e-3, 6e4), {"method": "x"}, layers=layers, half=half)
+        back = read_exr_layers(tmp_path / "a.exr")
+        assert back.keys() == layers.keys()
+        np.testing.assert_array_equal(back["disparity.Z"], layers["disparity.Z"])
+        np.testing.assert_array_equal(back["source.I"], layers["source.I"])
+        np.testing.assert_array_equal(back["confidence.Y"], layers["confidence.Y"].astype(np.float32))
+        assert [back[name].dtype for name in layers] == [np.float32, np.uint32, np.float32]
+    write_exr(tmp_path / "a.exr", RGB, layers=layers)
+    image, attributes = read_exr(tmp_path / "a.exr")  # without a notice
+    np.testing.assert_array_equal(image, RGB)
+    assert attributes == {}
+    write_exr(tmp_path / "b.exr", RGB[..., :1], layers=layers)
+    np.testing.assert_array_equal(read_exr(tmp_path / "b.exr")[0], RGB[..., :1])
+    write_exr(tmp_path / "c.exr", RGB)
+    assert read_exr_layers(tmp_path / "c.exr") == {}
+
+
+@pytest.mark.parametrize(
+    ("name", "plane", "message"),
+    [
+        ("disparity", RGB[..., 0], "the name must be layer.channel"),
+        (".Z", RGB[..., 0], "the name must be layer.channel"),
+        ("a.", RGB[..., 0], "the name must be layer.channel"),
+        ("ä.Z", RGB[..., 0], "the name must be layer.channel"),
+        ("a.Z", RGB[:5, :, 0], "of the image's shape"),
+        ("a.Z", RGB, "of the image's shape"),
+        ("a.Z", RGB[..., 0] > 1, "floats or unsigned integers"),
+        ("a.Z", RGB[..., 0].astype(np.int32), "floats or unsigned integers"),
+    ],
+)
+def test_layers_that_cannot_be_stored(tmp_path, name, plane, message):
+    with pytest.raises(InputError, match=message):
+        write_exr(tmp_path / "a.exr", RGB, layers={name: plane})
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_floats_are_stored_in_32_bits(tmp_path):

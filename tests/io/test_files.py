@@ -1,6 +1,6 @@
 import pytest
 
-from stereohdr.errors import FileFormatError
+from stereohdr.errors import FileFormatError, OutputError
 from stereohdr.io.files import atomic_path
 
 
@@ -34,7 +34,7 @@ def test_failure_keeps_the_old_file_and_removes_the_temporary_one(tmp_path, fail
 
 def test_a_full_disk_is_a_sentence(tmp_path):
     with (
-        pytest.raises(FileFormatError, match=r"a\.hdr: cannot be written \(No space left on device\)"),
+        pytest.raises(OutputError, match=r"a\.hdr: cannot be written \(No space left on device\); make room"),
         atomic_path(tmp_path / "a.hdr"),
     ):
         raise OSError(28, "No space left on device")

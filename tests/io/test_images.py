@@ -222,7 +222,6 @@ def test_tiff_pages_beyond_the_first_are_mentioned(stored):
         (RGB8, {"photometric": "cielab"}, "CIELAB with 3 channel"),
         (RGB8, {"photometric": "minisblack", "planarconfig": "contig"}, "MINISBLACK with 3 channel"),
         (RGB8, {"photometric": "rgb", "subfiletype": 1}, "is a preview"),
-        (RGB8, {"photometric": "rgb", "extratags": [(50706, 1, 4, (1, 4, 0, 0), True)]}, "camera raw file"),
         (np.zeros((16, 16, 16), np.uint8), {"volumetric": True, "photometric": "minisblack"}, "not a photo"),
     ],
 )
@@ -278,8 +277,20 @@ def test_orientation_and_exposure_by_every_route(stored, orientation):
 
 def test_arguments_win_over_exif(stored):
     for name, data in every_route(RGB8, 1):
-        photo = read_photo(stored(data, name), exposure_time=2, f_number=8, iso=50)
+        with pytest.warns(StereoHdrWarning) as caught:
+            photo = read_photo(stored(data, name), exposure_time=2, f_number=8, iso=50)
         assert (photo.exposure_time, photo.f_number, photo.iso) == (2, 8, 50)
+        assert photo.exposure_source == "given"
+        told = [str(warning.message).partition(": ")[2] for warning in caught]
+        assert told == [
+            "the exposure time 2 s is given, EXIF says 0.25 s; the given one is used",
+            "the f-number 8 is given, EXIF says 4; the given one is used",
+            "the ISO 50 is given, EXIF says 800; the given one is used",
+        ]
+
+
+def test_times_that_differ_by_rounding_are_no_conflict(stored):
+    assert read_photo(stored(next(every_route(RGB8, 1))[1]), exposure_time=1 / 4.2).exposure_time == 1 / 4.2
 
 
 def test_white_level_clips(stored):
@@ -319,7 +330,7 @@ def test_unreadable_file(stored, monkeypatch):
 
 @pytest.mark.parametrize(
     ("data", "message"),
-    [(b"", "the file is empty"), (b"just some text", "not a PNG, JPEG or TIFF"), (b"GIF89a" * 9, "not a PNG")],
+    [(b"", "the file is empty"), (b"just some text", "not a PNG, JPEG, TIFF"), (b"GIF89a" * 9, "not a PNG")],
 )
 def test_other_content(stored, data, message):
     with pytest.raises(FileFormatError, match=rf"photo\.png: {message}"):

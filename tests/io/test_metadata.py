@@ -152,7 +152,7 @@ def test_orientation_survives_a_broken_exif_folder(tmp_path):
 
 def test_other_files_are_refused(tmp_path):
     (tmp_path / "a.jpg").write_text("not a photo")
-    with pytest.raises(FileFormatError, match=r"a\.jpg: not a PNG, JPEG or TIFF file"):
+    with pytest.raises(FileFormatError, match=r"a\.jpg: not a PNG, JPEG, TIFF, HEIC, AVIF"):
         read_exposure(tmp_path / "a.jpg")
     with pytest.raises(FileFormatError, match="no such file"):
         read_exposure(tmp_path / "missing.jpg")

@@ -1,7 +1,7 @@
 """Scenes to measure methods on: Middlebury sets, POLAR, Boreal, folders with a manifest, simulated ones."""
 
 from stereohdr.datasets.boreal import read_boreal
-from stereohdr.datasets.brackets import StereoBracket, bracket_reference, bracket_scene
+from stereohdr.datasets.brackets import StereoBracket, bracket_reference, bracket_scene, rectified_bracket
 from stereohdr.datasets.ground_truth import known_disparities, read_disparity, warped_by_truth
 from stereohdr.datasets.manifest import manifest_scene
 from stereohdr.datasets.middlebury import (
@@ -36,6 +36,7 @@ __all__ = [
     "read_boreal",
     "read_disparity",
     "read_polar",
+    "rectified_bracket",
     "reexposed_scene",
     "same_exposure_pair",
     "two_view_pair",

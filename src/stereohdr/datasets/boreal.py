@@ -8,15 +8,13 @@ IROS 2024. The views are not rectified: corresponding points lie 11 to 28 rows a
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
-
-import numpy as np
 
 from stereohdr.datasets.brackets import StereoBracket, read_bracket_view
 from stereohdr.datasets.resizing import bayer_to_rgb
 from stereohdr.errors import FileFormatError
-from stereohdr.model import MID_KNOT, RESPONSE_KNOTS, ResponseCurve
+from stereohdr.io.response_files import read_response_table
+from stereohdr.model import ResponseCurve
 
 WHITE_LEVEL = 4094
 """The sensor clips here, one code below the 12-bit range: no pixel of any photo holds 4095."""
@@ -48,8 +46,7 @@ def read_boreal(folder: str | Path, calibration: str | Path | None = None) -> St
     )
     response = None
     if calibration is not None:
-        grey = read_inverse_response(calibration)
-        response = replace(grey, log_exposure=np.repeat(grey.log_exposure, 3, axis=0))
+        response = read_inverse_response(calibration).with_channels(3)
     return StereoBracket("Boreal", left, right, response)
 
 
@@ -61,17 +58,9 @@ def read_inverse_response(path: str | Path) -> ResponseCurve:
     FileFormatError
         The file cannot be read, or does not hold 256 increasing positive numbers.
     """
-    try:
-        exposure = np.array(Path(path).read_text(encoding="utf-8").split(), dtype=np.float64)
-    except OSError as error:
+    curve = read_response_table(path)
+    if curve.channels != 1:
         raise FileFormatError(
-            f"{path}: cannot read the calibration ({error.strerror}); give pcalib.txt"
-        ) from error
-    except ValueError as error:
-        raise FileFormatError(f"{path}: holds something else than numbers; give pcalib.txt") from error
-    if exposure.shape != (RESPONSE_KNOTS,) or not (exposure > 0).all() or not (np.diff(exposure) > 0).all():
-        raise FileFormatError(
-            f"{path}: a photometric calibration holds {RESPONSE_KNOTS} increasing positive numbers, this file "
-            f"does not; give pcalib.txt"
+            f"{path}: a photometric calibration holds 256 numbers, not three columns; give pcalib.txt"
         )
-    return ResponseCurve(np.log(exposure / exposure[MID_KNOT])[None])
+    return curve

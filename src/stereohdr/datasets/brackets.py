@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,9 @@ from stereohdr.io.metadata import parse_exposure_time
 from stereohdr.merging import merge_bracket
 from stereohdr.model import Photo, ResponseCurve, StereoPair, View
 from stereohdr.response.bracket import estimate_bracket_response
+
+if TYPE_CHECKING:
+    from stereohdr.rectification import RectifiedPair
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +104,7 @@ def bracket_scene(
     if not brackets.rectified:
         raise InputError(
             f"{brackets.name}: the two views are not rectified (corresponding points lie on different rows), so "
-            f"no stereo method can use them yet; rectify both brackets first and set rectified=True"
+            f"no stereo method can use them yet; see rectified_bracket"
         )
     auxiliary: View = "right" if main == "left" else "left"
     photos = {main: brackets.photo(main, exposures[0]), auxiliary: brackets.photo(auxiliary, exposures[1])}
@@ -116,6 +120,48 @@ def bracket_scene(
         reference_response=response,
         description=f"{brackets.name}, {len(brackets.view(main))} exposures of the main view as reference",
     )
+
+
+def rectified_bracket(
+    brackets: StereoBracket, *, main: View, exposures: tuple[float, float]
+) -> tuple[StereoBracket, RectifiedPair]:
+    """Rectify a stereo bracket from two of its photos, all photos of a camera in the same way.
+
+    Parameters
+    ----------
+    brackets
+        Not rectified.
+    main
+        The camera that is the MV.
+    exposures
+        Exposure times ``(main, auxiliary)`` in seconds of the two photos whose features tell the geometry.
+
+    Returns
+    -------
+    The rectified bracket, and the two photos as rectified with the numbers that say how well.
+
+    Raises
+    ------
+    InputError
+        There are no such photos, or they do not tell the geometry, see `stereohdr.rectification.rectify_pair`.
+    MissingDependencyError
+        OpenCV is not installed.
+    """
+    from stereohdr.rectification import rectify_pair
+    from stereohdr.rectification.resampling import resampled_photo
+
+    t_left, t_right = exposures if main == "left" else exposures[::-1]
+    left, right = brackets.photo("left", t_left), brackets.photo("right", t_right)
+    pair = rectify_pair(left, right, main=main, response=brackets.response)
+    geometry = pair.rectification
+
+    def resampled(side: View) -> tuple[Photo, ...]:
+        return tuple(
+            resampled_photo(photo, geometry.view(side), geometry.size, response=brackets.response)[0]
+            for photo in brackets.view(side)
+        )
+
+    return replace(brackets, left=resampled("left"), right=resampled("right"), rectified=True), pair
 
 
 def bracket_reference(

@@ -1,18 +1,22 @@
 """The scenes of the benchmark by name, as far as their images are there.
 
-Real pairs ``R1`` to ``R5`` (``-half``: halved), then ``<Scene>-<setting>`` made by the simulated camera,
+Real pairs ``R1`` to ``R9`` (``-half``: halved), then ``<Scene>-<setting>`` made by the simulated camera,
 procedural scenes, the paper's own inputs from full Middlebury sets, and folders with a manifest. Each row of the
 tables below is a scene or a family of scenes; the readers are in the modules beside this one.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 
+from stereohdr.config import DEFAULT_DISPARITY_SHARE
+from stereohdr.datasets.boreal import read_boreal
+from stereohdr.datasets.brackets import bracket_scene, rectified_bracket
 from stereohdr.datasets.manifest import MANIFEST_NAME, manifest_scene, read_manifest
 from stereohdr.datasets.middlebury import (
     ExposurePair,
@@ -22,9 +26,11 @@ from stereohdr.datasets.middlebury import (
     same_exposure_pair,
     two_view_pair,
 )
+from stereohdr.datasets.polar import read_polar
 from stereohdr.datasets.scene import EvaluationScene
 from stereohdr.datasets.simulated import PROCEDURAL, SETTINGS, SameExposurePair, procedural_scene, reexposed_scene
 from stereohdr.errors import InputError
+from stereohdr.rectification._opencv import load_opencv
 
 Loader = Callable[[], EvaluationScene]
 
@@ -51,13 +57,14 @@ REAL_PAIRS: tuple[tuple[str, str, ExposurePair], ...] = (
 STAND_IN_TIMES = (0.25, 1.0, 4.0)
 """Seconds of exposures 0, 1, 2 where the data state none (Books): only their ratio, 4, is known and matters."""
 
-UNRECTIFIED = {
-    "R6": ("polar", "POLAR, left at 64 ms and right at 1024 ms"),
-    "R7": ("polar", "POLAR, left at 1024 ms and right at 64 ms"),
-    "R8": ("boreal", "Boreal, left at 1 ms and right at 32 ms"),
-    "R9": ("boreal", "Boreal, left at 32 ms and right at 1 ms"),
+UNRECTIFIED: Mapping[str, tuple[str, float, float]] = {
+    "R6": ("POLAR", 0.064, 1.024),
+    "R7": ("POLAR", 1.024, 0.064),
+    "R8": ("Boreal", 0.001, 0.032),
+    "R9": ("Boreal", 0.032, 0.001),
 }
-"""Scenes that can be read (`read_polar`, `read_boreal`) but not used yet: their views are not rectified."""
+"""Real pairs that are rectified from their own features, which needs OpenCV: data set, exposure times of the left
+(main) and the right view in seconds. The reference is the bracket of the left view, rectified the same way."""
 
 
 @dataclass(frozen=True)
@@ -131,7 +138,7 @@ def benchmark_scenes(data: str | Path | None = None) -> dict[str, Loader]:
         data = Path(data)
         if not data.is_dir():
             raise InputError(f"{data}: is not a folder; give the folder that holds the image data")
-    families = [] if data is None else [_real_pairs(data), _reexposed(data)]
+    families = [] if data is None else [_real_pairs(data), _unrectified_pairs(data), _reexposed(data)]
     families.append((name, partial(procedural_scene, name)) for name in PROCEDURAL)
     families += [] if data is None else [_paper_sets(data), _manifests(data)]
     for family in families:
@@ -155,16 +162,15 @@ def load_scene(name: str, data: str | Path | None = None) -> EvaluationScene:
     Raises
     ------
     InputError
-        There is no such scene, its images are absent, or its views are not rectified.
+        There is no such scene, or its images are absent.
+    MissingDependencyError
+        It must be rectified first, and OpenCV is not installed.
     """
     scenes = benchmark_scenes(data)
     if name in scenes:
         return scenes[name]()
-    if name in UNRECTIFIED:
-        raise InputError(
-            f"scene {name} ({UNRECTIFIED[name][1]}) is not rectified, so no stereo method can use it yet; "
-            f"read_{UNRECTIFIED[name][0]} gives its photos"
-        )
+    if name in UNRECTIFIED and data is not None and _bracket_folder(Path(data), name).is_dir():
+        load_opencv(f"rectifying scene {name}")
     where = "no data folder was given" if data is None else f"its images are not in {data}"
     near = get_close_matches(name, scenes, n=4, cutoff=0.0)
     raise InputError(
@@ -177,6 +183,31 @@ def _real_pairs(data: Path) -> Iterator[tuple[str, Loader]]:
         source = MiddleburyFolder(data / folder, STAND_IN_TIMES)
         if _is_complete(source, recipe):
             yield name, partial(exposure_scene, name, source, recipe)
+
+
+def _unrectified_pairs(data: Path) -> Iterator[tuple[str, Loader]]:
+    if find_spec("cv2") is None:
+        return
+    for name in UNRECTIFIED:
+        if _bracket_folder(data, name).is_dir():
+            yield name, partial(_unrectified_pair, data, name)
+
+
+def _bracket_folder(data: Path, name: str) -> Path:
+    return data / ("polar" if UNRECTIFIED[name][0] == "POLAR" else "boreal/cycle00")
+
+
+def _unrectified_pair(data: Path, name: str) -> EvaluationScene:
+    kind, t_main, t_auxiliary = UNRECTIFIED[name]
+    folder = _bracket_folder(data, name)
+    if kind == "POLAR":
+        brackets = read_polar(folder)
+    else:
+        brackets = read_boreal(folder, data / "boreal/calibration/pcalib_inside1.txt")
+    exposures = (t_main, t_auxiliary)
+    brackets, pair = rectified_bracket(brackets, main="left", exposures=exposures)
+    reach = pair.largest_disparity or round(DEFAULT_DISPARITY_SHARE * pair.left.width)
+    return bracket_scene(brackets, main="left", exposures=exposures, max_disparity=reach, name=name)
 
 
 def _is_complete(source: MiddleburyFolder, recipe: ExposurePair) -> bool:

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import secrets
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from stereohdr.errors import FileFormatError
+from stereohdr.errors import FileFormatError, OutputError
+
+_NOT_PERMITTED = frozenset((errno.EACCES, errno.EPERM, errno.EROFS))
+_NO_ROOM = frozenset((errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC)))
 
 
 def check_output(path: str | Path) -> None:
@@ -17,7 +21,9 @@ def check_output(path: str | Path) -> None:
     Raises
     ------
     FileFormatError
-        The folder does not exist or cannot be written to, or `path` is a folder or no valid name.
+        The folder does not exist, or `path` is a folder or no valid name.
+    OutputError
+        The folder cannot be written to.
     """
     target = Path(path)
     try:
@@ -25,11 +31,13 @@ def check_output(path: str | Path) -> None:
             raise FileFormatError(f"{target}: the folder {target.parent} does not exist; create it first")
         if target.is_dir():
             raise FileFormatError(f"{target}: is a folder; give the name of a file")
-        target.exists()  # fails for names that the file system does not take
+        with suppress(FileNotFoundError):
+            target.stat()  # fails for names that the file system does not take
     except (OSError, ValueError) as error:
-        raise _unwritable(target, error) from error
+        kind = OutputError if _is_of_the_environment(error) else FileFormatError
+        raise kind(f"{target}: cannot be written ({_reason(error)}); choose another name or folder") from error
     if not os.access(target.parent, os.W_OK):
-        raise FileFormatError(f"{target}: the folder {target.parent} cannot be written to; choose another")
+        raise OutputError(f"{target}: the folder {target.parent} cannot be written to; choose another")
 
 
 @contextmanager
@@ -41,7 +49,9 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
     Raises
     ------
     FileFormatError
-        `path` cannot be written, see `check_output`; or writing failed.
+        `path` is no name for a file, see `check_output`.
+    OutputError
+        Writing failed: the disk is full, or writing is not permitted.
     """
     target = Path(path)
     check_output(target)
@@ -50,7 +60,9 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
         yield temporary
         temporary.replace(target)
     except (OSError, UnicodeError) as error:
-        raise _unwritable(target, error) from error
+        raise OutputError(
+            f"{target}: cannot be written ({_reason(error)}); make room, or choose another name or folder"
+        ) from error
     finally:
         with suppress(OSError):
             temporary.unlink(missing_ok=True)
@@ -62,7 +74,9 @@ def make_folder(path: str | Path) -> Path:
     Raises
     ------
     FileFormatError
-        It cannot be created or written to.
+        Its name is that of a file, or no valid name.
+    OutputError
+        The disk is full, or writing is not permitted.
     """
     folder = Path(path)
     try:
@@ -70,14 +84,16 @@ def make_folder(path: str | Path) -> Path:
     except FileExistsError as error:
         raise FileFormatError(f"{folder}: is a file; give the name of a folder") from error
     except (OSError, ValueError) as error:
-        raise FileFormatError(f"{folder}: the folder cannot be created ({_reason(error)})") from error
+        kind = OutputError if _is_of_the_environment(error) else FileFormatError
+        raise kind(f"{folder}: the folder cannot be created ({_reason(error)}); choose another") from error
     if not os.access(folder, os.W_OK):
-        raise FileFormatError(f"{folder}: the folder cannot be written to; choose another")
+        raise OutputError(f"{folder}: the folder cannot be written to; choose another")
     return folder
 
 
-def _unwritable(target: Path, error: Exception) -> FileFormatError:
-    return FileFormatError(f"{target}: cannot be written ({_reason(error)}); choose another name or folder")
+def _is_of_the_environment(error: Exception) -> bool:
+    """Return whether the name is fine, and something else is in the way."""
+    return isinstance(error, OSError) and error.errno in _NOT_PERMITTED | _NO_ROOM
 
 
 def _reason(error: Exception) -> str:

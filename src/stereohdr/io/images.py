@@ -1,19 +1,21 @@
-"""Reading photos of 8 and 16 bits with every bit that the file holds, and writing 8-bit PNG."""
+"""Decoding images of 8 to 16 bits with every bit that the file holds, and writing 8-bit PNG."""
 
 from __future__ import annotations
 
 import math
 import struct
 import warnings
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stereohdr.errors import FileFormatError, InputError, StereoHdrWarning
+from stereohdr.demosaicing import BayerPattern, bayer_pattern
+from stereohdr.errors import ConfigError, FileFormatError, InputError, StereoHdrError
 from stereohdr.io.files import atomic_path
-from stereohdr.io.metadata import ORIENTATION, exposure_from_tags, first_bytes, image_kind, read_tags
-from stereohdr.model import Photo
+from stereohdr.io.heif import read_avif, read_heif
+from stereohdr.io.metadata import ImageKind, first_bytes
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -25,88 +27,57 @@ LARGEST_COMPRESSION = 100_000
 """No format packs pixels tighter than this, in bytes of pixels per byte of file; a header that promises more
 is lying, and memory is not spent on it."""
 
+CFA_REPEAT, CFA_PATTERN = 33421, 33422
+"""TIFF tags of a colour filter mosaic: size of the cell, and its colours (0 red, 1 green, 2 blue) row by row."""
 
-def read_photo(
-    path: str | Path,
-    *,
-    exposure_time: float | None = None,
-    white_level: int | None = None,
-    f_number: float | None = None,
-    iso: float | None = None,
-) -> Photo:
-    """Read a photo from a PNG, JPEG or TIFF file of 8 or 16 bits, grey or RGB.
 
-    The format is recognised by content, not by suffix. The EXIF orientation is applied. Palette images
-    become RGB, 1-bit images become 8-bit grey, and alpha channels are dropped with a notice. Of a TIFF with
-    several pages, and of a multi-picture JPEG, the first picture is read. Colour profiles are not applied.
+@dataclass
+class StoredImage:
+    """An image as its file stores it."""
 
-    Parameters
-    ----------
-    path
-        The file; becomes `Photo.name`.
-    exposure_time, f_number, iso
-        Seconds, aperture and sensitivity; what is not given is taken from EXIF, if it is there.
-    white_level
-        Code at which the sensor clips, for example 4095 for 12-bit codes stored in 16 bits. By default the
-        largest code of the file's bit depth.
+    codes: NDArray[Any]
+    """``(H, W)`` or ``(H, W, S)``; not upright yet."""
+    white_level: int | None = None
+    """Code of white, where the file states its bit depth."""
+    mosaic: bool = False
+    """Whether the file calls it a colour filter mosaic."""
+    bayer: BayerPattern | None = None
+    """Its pattern, where the file states one that is red, green and blue in 2x2."""
+    notices: list[str] = field(default_factory=list)
+    """What was left out of the file."""
 
-    Returns
-    -------
-    `Photo` with codes ``(H, W, C)``, uint8 or uint16, C 1 or 3.
+
+def decode_image(path: str | Path, kind: ImageKind) -> StoredImage:
+    """Decode a photo of 8 to 16 bits; `kind` is what `stereohdr.io.metadata.image_kind` says, but not camera raw.
 
     Raises
     ------
     FileFormatError
-        The file cannot be read, is damaged, or holds a kind of image that is not supported (CMYK, floating
-        point, ...).
-    InputError
-        The white level does not fit the bit depth.
-    ExposureError
-        A given exposure time, f-number or ISO is not a positive number.
-
-    Warns
-    -----
-    StereoHdrWarning
-        Something in the file was left out: alpha, extra channels, further pages.
+        The file is damaged, or holds a kind of image that is not supported (CMYK, floating point, ...).
+    MissingDependencyError
+        A HEIC file, and pillow-heif is not installed.
     """
-    kind = image_kind(path)
-    notices: list[str] = []
-    file_white: int | None = None
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # Pillow warns of "bombs" at 90 Mpx, which cameras do reach
             if kind == "TIFF":
-                codes, file_white = _read_tiff(path, notices)
-            elif kind == "PNG" and _png_bit_depth(path) == 16:
-                codes = _read_deep_png(path)
-            else:
-                codes = _read_with_pillow(path, kind)
-    except FileFormatError:
+                return _read_tiff(path)
+            if kind == "HEIF":
+                return StoredImage(*read_heif(path))
+            if kind == "AVIF":
+                return StoredImage(*read_avif(path))
+            if kind == "NPY":
+                return StoredImage(np.load(path, allow_pickle=False))
+            if kind == "PNG" and _png_bit_depth(path) == 16:
+                return StoredImage(_read_deep_png(path))
+            return StoredImage(_read_with_pillow(path, kind))
+    except StereoHdrError:
         raise
-    except Exception as error:  # three decoders, each with its own kinds of errors
+    except Exception as error:  # several decoders, each with its own kinds of errors
         reason = " ".join(str(error).split()) or type(error).__name__
         raise FileFormatError(
             f"{path}: damaged or unsupported {kind} file ({reason}); save it again as 8- or 16-bit PNG or TIFF"
         ) from error
-
-    if codes.ndim == 2:
-        codes = codes[..., None]
-    colours = 1 if codes.shape[2] < 3 else 3
-    if codes.shape[2] > colours:
-        notices.append("its alpha channel was dropped" if codes.shape[2] in (2, 4) else "extra channels dropped")
-    tags = read_tags(path)
-    exif = exposure_from_tags(tags)
-    photo = Photo(
-        codes=_upright(codes[..., :colours], tags.get(ORIENTATION)),
-        exposure_time=exif.time if exposure_time is None else exposure_time,
-        white_level=file_white if white_level is None else white_level,
-        f_number=exif.f_number if f_number is None else f_number,
-        iso=exif.iso if iso is None else iso,
-        name=str(path),
-    )
-    for notice in notices:
-        warnings.warn(f"{path}: {notice}", StereoHdrWarning, stacklevel=2)
-    return photo
 
 
 def write_png(path: str | Path, array: NDArray[np.uint8]) -> None:
@@ -200,20 +171,20 @@ def _read_with_pillow(path: str | Path, kind: str) -> NDArray[Any]:
         return np.asarray(image)
 
 
-def _read_tiff(path: str | Path, notices: list[str]) -> tuple[NDArray[Any], int | None]:
-    """Decode the first page of a TIFF; return ``(H, W)`` or ``(H, W, S)`` codes and their white level."""
+def _read_tiff(path: str | Path) -> StoredImage:
+    """Decode the first page of a TIFF."""
     import tifffile
 
+    notices: list[str] = []
     with tifffile.TiffFile(path) as file:
         page: Any = file.pages.first
-        if page.is_reduced or "DNGVersion" in page.tags:
-            raise FileFormatError(
-                f"{path}: the first picture is a preview (camera raw file?); develop it to a TIFF first"
-            )
+        if page.is_reduced:
+            raise FileFormatError(f"{path}: the first picture is a preview; save the full picture as TIFF")
         if page.axes not in ("YX", "YXS", "SYX"):
             raise FileFormatError(f"{path}: a TIFF of shape {page.shape} is not a photo; save it as 2-D image")
         kind = tifffile.PHOTOMETRIC(page.photometric)
-        grey = kind in (tifffile.PHOTOMETRIC.MINISBLACK, tifffile.PHOTOMETRIC.MINISWHITE)
+        mosaic = kind == tifffile.PHOTOMETRIC.CFA
+        grey = mosaic or kind in (tifffile.PHOTOMETRIC.MINISBLACK, tifffile.PHOTOMETRIC.MINISWHITE)
         palette = kind == tifffile.PHOTOMETRIC.PALETTE
         # YCbCr is converted by the JPEG decoder; outside of JPEG nobody would convert it.
         rgb = kind == tifffile.PHOTOMETRIC.RGB or (
@@ -248,25 +219,25 @@ def _read_tiff(path: str | Path, notices: list[str]) -> tuple[NDArray[Any], int 
             )
         codes = page.asarray()
         colour_map = page.colormap
+        bayer = _stated_pattern(page.tags.valueof(CFA_REPEAT), page.tags.valueof(CFA_PATTERN)) if mosaic else None
 
     if page.axes == "SYX":
         codes = np.moveaxis(codes, 0, -1)
     if palette:  # 16-bit entries, which hold 8-bit colours times 257 by convention
-        return (colour_map >> 8).astype(np.uint8).T[codes], None
+        return StoredImage((colour_map >> 8).astype(np.uint8).T[codes], notices=notices)
     if codes.dtype == np.bool_:
         codes, bits = codes.astype(np.uint8) * np.uint8(255), 8
     white = 2**bits - 1  # 10, 12 and 14 bits are unpacked into uint16
     if kind == tifffile.PHOTOMETRIC.MINISWHITE:
         codes = codes.dtype.type(white) - codes
-    return codes, white
+    return StoredImage(codes, white, mosaic, bayer, notices)
 
 
-def _upright(codes: NDArray[Any], orientation: Any) -> NDArray[Any]:
-    """Apply the EXIF orientation, 1 to 8; anything else changes nothing."""
-    if orientation in (5, 6, 7, 8):
-        codes = codes.swapaxes(0, 1)
-    if orientation in (2, 3, 6, 7):
-        codes = codes[:, ::-1]
-    if orientation in (3, 4, 7, 8):
-        codes = codes[::-1]
-    return codes
+def _stated_pattern(repeat: Any, colours: Any) -> BayerPattern | None:
+    """Return the Bayer pattern that TIFF tags state, None when they state none or another kind of mosaic."""
+    try:
+        if tuple(repeat) != (2, 2):
+            return None
+        return bayer_pattern("".join("RGB"[colour] for colour in colours))
+    except (TypeError, IndexError, ConfigError):
+        return None

@@ -1,7 +1,8 @@
-"""Exposure settings that a camera left in a photo (EXIF), and exposure times as people write them."""
+"""What a camera left in a photo (exposure, camera, colour profile), and exposure times as people write them."""
 
 from __future__ import annotations
 
+import io
 import math
 import re
 import warnings
@@ -12,10 +13,13 @@ from typing import Any, Literal
 
 from stereohdr.errors import ExposureError, FileFormatError
 
-ImageKind = Literal["PNG", "JPEG", "TIFF"]
+ImageKind = Literal["PNG", "JPEG", "TIFF", "HEIF", "AVIF", "NPY", "RAW"]
 
+MAKER = 271
+MODEL = 272
 ORIENTATION = 274
 EXIF_FOLDER = 34665
+COLOUR_PROFILE = 34675
 EXPOSURE_TIME = 33434
 F_NUMBER = 33437
 ISO = 34855
@@ -37,7 +41,36 @@ _SIGNATURES: dict[bytes, ImageKind] = {
     b"MM\0*": "TIFF",
     b"II+\0": "TIFF",  # BigTIFF
     b"MM\0+": "TIFF",
+    b"\x93NUMPY": "NPY",
 }
+
+_RAW_SIGNATURES = (
+    b"II*\0\x10\0\0\0CR",  # Canon CR2
+    b"FUJIFILMCCD-RAW",
+    b"IIRO",  # Olympus
+    b"IIRS",
+    b"MMOR",
+    b"IIU\0",  # Panasonic
+    b"\0MRM",  # Minolta
+    b"FOVb",  # Sigma
+    b"II\x1a\0\0\0HEAPCCDR",  # Canon CRW
+)
+
+_RAW_SUFFIXES = {
+    *(".dng", ".nef", ".nrw", ".arw", ".sr2", ".srf", ".pef", ".3fr", ".fff", ".iiq", ".erf"),
+    *(".mef", ".mos", ".dcr", ".kdc", ".srw", ".rwl", ".cr2", ".cr3"),
+}
+"""Camera raw files that are, or pretend to be, TIFF."""
+
+_HEIF_BRANDS = (b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1")
+
+_CFA, _LINEAR_RAW = 32803, 34892
+"""TIFF photometric interpretations of sensor data."""
+
+_DNG_VERSION = 50706
+
+_BAYER_COMPRESSIONS = (1, 5, 8, 32773, 32946, 50000)
+"""Mosaics packed like other TIFFs (none, LZW, Deflate, PackBits, Zstandard); others are some maker's own."""
 
 _NUMBER = r"((?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:e[+-]?[0-9]+)?)"
 _TIME = re.compile(rf"\s*{_NUMBER}\s*(?:/\s*{_NUMBER})?\s*(s|ms)?\s*", re.IGNORECASE)
@@ -83,61 +116,99 @@ def parse_exposure_time(text: str) -> float:
 
 
 def read_exposure(path: str | Path) -> Exposure:
-    """Read exposure time, f-number and ISO from the EXIF data of a JPEG, PNG or TIFF file.
+    """Read exposure time, f-number and ISO from the EXIF data of a photo.
 
     What the file does not state, or states in a broken way (0/0, zero, not a number), is None.
 
     Raises
     ------
     FileFormatError
-        The file cannot be read, or is none of these formats.
+        The file cannot be read, or is no photo.
     """
     return exposure_from_tags(read_tags(path))
 
 
 def exposure_from_tags(tags: Mapping[int, Any]) -> Exposure:
     """Return the exposure that `tags` (see `read_tags`) state, None for what is missing or broken."""
-    iso = _positive(tags.get(ISO))
+    iso = positive_number(tags.get(ISO))
     return Exposure(
-        time=_positive(tags.get(EXPOSURE_TIME)),
-        f_number=_positive(tags.get(F_NUMBER)),
+        time=positive_number(tags.get(EXPOSURE_TIME)),
+        f_number=positive_number(tags.get(F_NUMBER)),
         iso=None if iso == ISO_OVERFLOW else iso,
     )
 
 
-def read_tags(path: str | Path) -> dict[int, Any]:
-    """Read the tags `ORIENTATION`, `EXPOSURE_TIME`, `F_NUMBER` and `ISO` of a photo, those that exist.
+def camera_from_tags(tags: Mapping[int, Any]) -> str | None:
+    """Return maker and model of the camera that `tags` (see `read_tags`) state, None when they do not.
 
-    Damaged EXIF data counts as missing: a photo is usable without it.
+    Makers repeat their name in the model ("NIKON CORPORATION", "NIKON D750"); it is then left out.
+    """
+    maker, model = (" ".join(str(tags.get(tag) or "").strip("\0 ").split()) for tag in (MAKER, MODEL))
+    if not model:
+        return maker or None
+    first_word = maker.split(" ")[0].lower()
+    return model if model.lower().startswith(first_word) else f"{maker} {model}"
+
+
+def profile_name(profile: bytes) -> str | None:
+    """Return the name of an ICC colour profile, None for profiles of grey pictures and damaged ones."""
+    from PIL import ImageCms
+
+    try:
+        opened: Any = ImageCms.ImageCmsProfile(io.BytesIO(profile))
+        if opened.profile.xcolor_space.strip() != "RGB":
+            return None
+        return ImageCms.getProfileDescription(opened).strip() or "unnamed"
+    except (ImageCms.PyCMSError, OSError, AttributeError):
+        return None
+
+
+def read_tags(path: str | Path) -> dict[int, Any]:
+    """Read what a photo says about itself, as EXIF tags, those that exist.
+
+    These are `MAKER`, `MODEL`, `ORIENTATION`, `EXPOSURE_TIME`, `F_NUMBER`, `ISO` and `COLOUR_PROFILE` (bytes).
+    Damaged metadata counts as missing: a photo is usable without it.
 
     Raises
     ------
     FileFormatError
-        The file cannot be read, or is not PNG, JPEG or TIFF.
+        The file cannot be read, or is no photo.
     """
     kind = image_kind(path)
+    readers = {"TIFF": _tiff_tags, "RAW": _tiff_tags, "HEIF": _heif_tags, "NPY": lambda path: {}}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # Pillow's remarks on odd EXIF data and on big images
         try:
-            return _tiff_tags(path) if kind == "TIFF" else _pillow_tags(path)
+            return readers.get(kind, _pillow_tags)(path)
         except Exception:  # the decoders raise many kinds of errors on damaged metadata
             return {}
 
 
 def image_kind(path: str | Path) -> ImageKind:
-    """Tell PNG, JPEG and TIFF apart by their first bytes, whatever the file is called.
+    """Tell the formats of photos apart by their first bytes, whatever the file is called.
+
+    Camera raw files that look like TIFF are told by what is in them, and where that is not enough by their suffix.
 
     Raises
     ------
     FileFormatError
         The file cannot be read, or is none of them.
     """
-    head = first_bytes(path, 8)
+    head = first_bytes(path, 32)
+    if head.startswith(_RAW_SIGNATURES) or head[4:12] == b"ftypcrx ":
+        return "RAW"
+    if head[4:8] == b"ftyp":
+        brands = [head[at : at + 4] for at in (8, *range(16, 32, 4))]
+        if b"avif" in brands or b"avis" in brands:
+            return "AVIF"
+        if any(brand in _HEIF_BRANDS for brand in brands):
+            return "HEIF"
     for signature, kind in _SIGNATURES.items():
         if head.startswith(signature):
-            return kind
-    found = "the file is empty" if not head else "not a PNG, JPEG or TIFF file"
-    raise FileFormatError(f"{path}: {found}; give a photo as PNG, JPEG or TIFF")
+            is_raw = kind == "TIFF" and (Path(path).suffix.lower() in _RAW_SUFFIXES or _holds_raw(path))
+            return "RAW" if is_raw else kind
+    found = "the file is empty" if not head else "not a PNG, JPEG, TIFF, HEIC, AVIF, NumPy or camera raw file"
+    raise FileFormatError(f"{path}: {found}; give a photo, for instance as PNG, JPEG or TIFF")
 
 
 def first_bytes(path: str | Path, count: int) -> bytes:
@@ -162,19 +233,53 @@ def first_bytes(path: str | Path, count: int) -> bytes:
         raise FileFormatError(f"{path}: cannot be read ({reason}); check its permissions") from error
 
 
+def _holds_raw(path: str | Path) -> bool:
+    """Tell whether a TIFF is a camera raw file: DNG, sensor data beside a preview or in a maker's own packing."""
+    import tifffile
+
+    try:
+        with tifffile.TiffFile(path) as file:
+            first: Any = file.pages.first
+            if _DNG_VERSION in first.tags:
+                return True
+            if int(first.photometric) == _CFA:
+                return int(first.compression) not in _BAYER_COMPRESSIONS
+            return any(int(page.photometric) in (_CFA, _LINEAR_RAW) for page in first.pages or ())
+    except Exception:  # damaged: whoever decodes it will say so
+        return False
+
+
 def _pillow_tags(path: str | Path) -> dict[int, Any]:
     from PIL import Image
 
-    with Image.open(path, formats=("PNG", "JPEG", "MPO")) as image:
-        exif = image.getexif()
-        # The pieces are parsed one by one, so that a broken EXIF folder leaves the orientation usable.
-        tags: dict[int, Any] = {ORIENTATION: exif.get(ORIENTATION)}
-        try:
-            folder = exif.get_ifd(EXIF_FOLDER)
-        except Exception:
-            folder = {}
-        for tag in (EXPOSURE_TIME, F_NUMBER, ISO):
-            tags[tag] = folder.get(tag, exif.get(tag))
+    with Image.open(path, formats=("PNG", "JPEG", "AVIF")) as image:
+        return _exif_tags(image.getexif(), image.info.get("icc_profile"))
+
+
+def _heif_tags(path: str | Path) -> dict[int, Any]:
+    from PIL import Image
+
+    from stereohdr.io.heif import heif_metadata
+
+    block, profile = heif_metadata(path)
+    exif = Image.Exif()
+    if block:
+        exif.load(block)
+    tags = _exif_tags(exif, profile)
+    tags.pop(ORIENTATION, None)  # the decoder turns the picture: the format has a property of its own for that
+    return tags
+
+
+def _exif_tags(exif: Any, profile: bytes | None) -> dict[int, Any]:
+    # The pieces are parsed one by one, so that a broken EXIF folder leaves the orientation usable.
+    tags: dict[int, Any] = {tag: exif.get(tag) for tag in (MAKER, MODEL, ORIENTATION)}
+    try:
+        folder = exif.get_ifd(EXIF_FOLDER)
+    except Exception:
+        folder = {}
+    for tag in (EXPOSURE_TIME, F_NUMBER, ISO):
+        tags[tag] = folder.get(tag, exif.get(tag))
+    tags[COLOUR_PROFILE] = profile
     return {tag: value for tag, value in tags.items() if value is not None}
 
 
@@ -186,7 +291,7 @@ def _tiff_tags(path: str | Path) -> dict[int, Any]:
         page_tags: Any = file.pages.first
         page_tags = page_tags.tags
         folder = page_tags.valueof(EXIF_FOLDER)
-        tags = {ORIENTATION: page_tags.valueof(ORIENTATION)}
+        tags = {tag: page_tags.valueof(tag) for tag in (MAKER, MODEL, ORIENTATION, COLOUR_PROFILE)}
         for tag, names in _TIFFFILE_NAMES.items():
             tags[tag] = page_tags.valueof(tag)  # TIFF/EP and raw converters put them beside the image tags
             for name in names:
@@ -195,7 +300,7 @@ def _tiff_tags(path: str | Path) -> dict[int, Any]:
     return {tag: value for tag, value in tags.items() if value is not None}
 
 
-def _positive(value: Any) -> float | None:
+def positive_number(value: Any) -> float | None:
     """Return an EXIF value as a number, None unless it is positive and finite.
 
     A value is a number, Pillow's rational, tifffile's ``(numerator, denominator)``, or a list of ISO values

@@ -27,6 +27,9 @@ LARGEST_VALUE = math.ldexp(255.0, 127 - 8)
 EXPONENT_BIAS = 128
 """A stored exponent E and mantissa M stand for ``M * 2 ** (E - 128 - 8)``; E = 0 stands for black."""
 
+PRIMARIES = "0.64 0.33 0.3 0.6 0.15 0.06 0.3127 0.329"
+"""x and y of red, green, blue and white (BT.709 and D65)."""
+
 SHORTEST_RUN = 4
 LONGEST_RUN = 127
 LONGEST_LITERAL = 128
@@ -79,12 +82,17 @@ def encode_radiance_hdr(radiance: NDArray[np.float32], attributes: Mapping[str, 
         2^-128 become black.
     attributes
         Written as comment lines ``# key=value``.
+
+    Notes
+    -----
+    ``EXPOSURE=1`` says that the pixels are the radiance itself; ``PRIMARIES`` are those of BT.709 with white D65
+    (the format's own default has white 1/3, 1/3).
     """
     height, width, _ = radiance.shape
     lines = ["#?RADIANCE"]
     for key, value in (attributes or {}).items():
         lines.append("# " + " ".join(f"{key}={value}".split()))  # a line break would end the comment
-    lines += ["FORMAT=32-bit_rle_rgbe", "", f"-Y {height} +X {width}", ""]
+    lines += [f"EXPOSURE=1\nPRIMARIES={PRIMARIES}\nFORMAT=32-bit_rle_rgbe", "", f"-Y {height} +X {width}", ""]
     header = "\n".join(lines).encode("ascii", "backslashreplace")
 
     rgbe = _to_rgbe(radiance)
