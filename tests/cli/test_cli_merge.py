@@ -108,7 +108,7 @@ def test_white_level_reaches_the_photos(files):
         ("a.png b.png -o r.exr --exposures 4,1", ExposureError, "contradict"),
         ("a.png b.png -o r.exr --exposures 1,soon", ExposureError, "soon"),
         ("a.png -o r.exr --exposures 1", InputError, "two or more photos"),
-        ("a.png b.png -o r.jpg --exposures 1,4", FileFormatError, "not an HDR format"),
+        ("a.png b.png -o r.bmp --exposures 1,4", FileFormatError, "not an HDR format"),
         ("a.png b.png -o r.exr --exposures 1,4 --preview p.jpg", FileFormatError, "ends in .png"),
         ("a.png b.png -o r.exr --exposures 1,4 --preview a.png", InputError, "would overwrite"),
         ("a.png b.png -o r.exr --exposures 1,4 --preview p.png --clipped p.png", InputError, "would overwrite"),

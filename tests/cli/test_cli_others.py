@@ -1,5 +1,6 @@
 import builtins
 import json
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -7,7 +8,9 @@ from PIL import Image
 
 from stereohdr import tonemap, write_hdr
 from stereohdr.cli import demo
+from stereohdr.cli.tonemap import OperatorName
 from stereohdr.simulation import room
+from stereohdr.tone_mapping import Operator
 
 from command_line import run
 
@@ -15,8 +18,19 @@ from command_line import run
 def test_tonemap_writes_what_the_function_returns(tmp_path):
     radiance = np.random.default_rng(0).lognormal(size=(6, 8, 3)).astype(np.float32)
     write_hdr(tmp_path / "in.exr", radiance)
-    assert run("tonemap", tmp_path / "in.exr", tmp_path / "out.png", "--operator", "log") == 0
-    np.testing.assert_array_equal(np.asarray(Image.open(tmp_path / "out.png")), tonemap(radiance, "log"))
+    for operator in OperatorName:
+        assert run("tonemap", tmp_path / "in.exr", tmp_path / "out.png", "--operator", operator) == 0
+        np.testing.assert_array_equal(
+            np.asarray(Image.open(tmp_path / "out.png")), tonemap(radiance, operator.value)
+        )
+    options = {"exposure": -1.5, "key": 0.3, "white": 2.0, "bias": 0.7, "saturation": 0.5}
+    given = [word for name, value in options.items() for word in (f"--{name}", value)]
+    assert run("tonemap", tmp_path / "in.exr", tmp_path / "out.png", *given) == 0
+    np.testing.assert_array_equal(np.asarray(Image.open(tmp_path / "out.png")), tonemap(radiance, **options))
+
+
+def test_every_operator_can_be_chosen():
+    assert [operator.value for operator in OperatorName] == list(get_args(Operator))
 
 
 def test_tonemap_refuses_nan_and_other_suffixes(tmp_path, capsys):

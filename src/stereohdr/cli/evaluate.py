@@ -7,9 +7,11 @@ from typing import Annotated
 
 import typer
 
+from stereohdr.cli.outputs import HDR_INPUT
+
 
 def evaluate_command(
-    test: Annotated[Path, typer.Argument(metavar="TEST", help="HDR image: .exr, .hdr, .pfm or .npy.")],
+    test: Annotated[Path, typer.Argument(metavar="TEST", help=HDR_INPUT)],
     reference: Annotated[Path, typer.Argument(metavar="REFERENCE", help="What it should be; same size.")],
     metric: Annotated[
         str, typer.Option(metavar="NAMES", help="Some of hdrvdp2,pu21,log2,cvvdp, with commas.")

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from stereohdr.cli.outputs import HDR_OUTPUT
+from stereohdr.cli.photos import Bayer, BlackLevel, ResponseFile, WhiteLevel
 from stereohdr.errors import FileFormatError, InputError
 
 if TYPE_CHECKING:
@@ -21,7 +23,7 @@ def merge_command(
     images: Annotated[
         list[Path], typer.Argument(metavar="IMAGES...", help="Photos of one view, registered: PNG, JPEG or TIFF.")
     ],
-    output: Annotated[Path, typer.Option("-o", "--output", help="HDR image to write: .exr, .hdr, .pfm or .npy.")],
+    output: Annotated[Path, typer.Option("-o", "--output", help=HDR_OUTPUT)],
     exposures: Annotated[
         list[str] | None,
         typer.Option(
@@ -30,16 +32,13 @@ def merge_command(
             "250ms,1000ms; may be given several times. Read from EXIF when not given.",
         ),
     ] = None,
-    response: Annotated[
-        Path | None, typer.Option(metavar="FILE.json", help="Known camera response instead of an estimate.")
-    ] = None,
+    response: ResponseFile = None,
     save_response: Annotated[
         Path | None, typer.Option(metavar="FILE.json", help="Also write the response that was used.")
     ] = None,
-    white_level: Annotated[
-        int | None,
-        typer.Option(metavar="N", help="Code at which the sensor clips, such as 4095 for 12 bits in 16."),
-    ] = None,
+    white_level: WhiteLevel = None,
+    black_level: BlackLevel = 0,
+    bayer: Bayer = None,
     preview: Annotated[
         Path | None, typer.Option(metavar="FILE.png", help="Also write a tone-mapped picture.")
     ] = None,
@@ -64,30 +63,34 @@ def merge_command(
     with show_progress(quiet=quiet) as progress:
         progress("reading")
         from stereohdr import __version__
-        from stereohdr.io import read_photo, write_hdr
+        from stereohdr.cli.photos import read_photos
+        from stereohdr.io import write_hdr
         from stereohdr.io.images import write_png
+        from stereohdr.io.response_files import read_response
         from stereohdr.merging import merge_bracket
-        from stereohdr.model import ResponseCurve
+        from stereohdr.report import RADIANCE_SCALE
         from stereohdr.response.bracket import check_bracket, estimate_bracket_response
         from stereohdr.tone_mapping import tonemap
 
-        photos = [
-            read_photo(path, exposure_time=seconds, white_level=white_level)
-            for path, seconds in zip(images, times, strict=True)
-        ]
+        photos = read_photos(images, times, white_level=white_level, black_level=black_level, bayer=bayer)
         check_bracket(photos)
-        if response is None:
+        brought = photos[0].response if all(photo.linear for photo in photos) else None
+        if response is not None:
+            brought = None
+            curve = read_response(response, channels=photos[0].channels, white_level=photos[0].white)
+        elif brought is not None:
+            curve = brought
+        else:
             progress("response")
             curve = estimate_bracket_response(photos)
-        else:
-            curve = ResponseCurve.load(response)
         progress("merging")
-        radiance, lost = merge_bracket(photos, response=curve)
+        radiance, lost = merge_bracket(photos, response=None if brought is not None else curve)
         progress("writing")
         attributes = {
             "software": f"stereohdr {__version__}",
             "method": "merge",
             "exposureTimes": [photo.exposure_time for photo in photos],
+            "radianceScale": RADIANCE_SCALE,
         }
         write_hdr(output, radiance, attributes=attributes)
         written = [output]
@@ -105,7 +108,8 @@ def merge_command(
             "warning: the response curve does not rise everywhere; radiance is not reliable there", err=True
         )
     if not quiet:
-        origin = "estimated from the bracket" if response is None else f"from {response}"
+        origin = "linear, as the camera raw files state" if brought else "estimated from the bracket"
+        origin = origin if response is None else f"from {response}"
         for line in _summary(photos, radiance, lost, origin):
             typer.echo(line)
         typer.echo(f"wrote      {', '.join(map(str, written))} ({time.perf_counter() - start:.2f} s in all)")
