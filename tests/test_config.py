@@ -1,14 +1,22 @@
 import dataclasses
+import math
 
 import pytest
 
 from stereohdr import PaperConfig
 from stereohdr.config import (
     AggregationConfig,
+    AgreementConfig,
     BilateralWindowConfig,
+    HighlightsConfig,
     OpencvStereoConfig,
+    ParametricResponseConfig,
     PolynomialResponseConfig,
     ResponseConfig,
+    RobustConfig,
+    ShadowsConfig,
+    SurveyConfig,
+    TwoWayConfig,
     WindowMatchingConfig,
     config_from_mapping,
     load_config,
@@ -110,6 +118,48 @@ def test_the_stages_of_the_comparison_methods_check_their_settings(stage, settin
         stage(**setting)
 
 
+@pytest.mark.parametrize(
+    ("stage", "setting", "message"),
+    [
+        (ParametricResponseConfig, {"degree": 9}, "degree must be a whole number from 0 to 8"),
+        (ParametricResponseConfig, {"ridge": 0.0}, "ridge"),
+        (ParametricResponseConfig, {"tie": -1.0}, "tie"),
+        (ParametricResponseConfig, {"outlier_scale": math.nan}, "outlier_scale"),
+        (ParametricResponseConfig, {"lowest_code": -1}, "lowest_code"),
+        (ParametricResponseConfig, {"lowest_code": 100, "highest_code": 100}, "highest_code must be .* 101 to"),
+        (ParametricResponseConfig, {"fewest_pixels": 0}, "fewest_pixels"),
+        (ParametricResponseConfig, {"most_outside": 1.5}, "most_outside"),
+        (TwoWayConfig, {"runs": 3}, "runs must be 1 or 2"),
+        (TwoWayConfig, {"tolerance": -0.5}, "tolerance"),
+        (TwoWayConfig, {"one_run": 2.0}, "one_run"),
+        (TwoWayConfig, {"usual_margin": 0.0}, "usual_margin"),
+        (SurveyConfig, {"width": 16}, "width must be a whole number from 32"),
+        (SurveyConfig, {"search_share": 1.5}, "search_share"),
+        (SurveyConfig, {"negative_share": -0.1}, "negative_share"),
+        (SurveyConfig, {"sure": 2.0}, "sure"),
+        (SurveyConfig, {"outlier_share": 0.6}, "outlier_share"),
+        (SurveyConfig, {"negative_evidence": -1.0}, "negative_evidence"),
+        (SurveyConfig, {"smallest_offset": 0.0}, "smallest_offset"),
+        (AgreementConfig, {"codes": -1.0}, "codes"),
+        (AgreementConfig, {"auxiliary_codes": 256.0}, "auxiliary_codes"),
+        (AgreementConfig, {"slack": 11.0}, "slack"),
+        (AgreementConfig, {"borrowed_slack": -1.0}, "borrowed_slack"),
+        (AgreementConfig, {"white_code": 9.0}, "white_code must be from 10"),
+        (AgreementConfig, {"black_code": -1.0}, "black_code"),
+        (AgreementConfig, {"support": 21}, "support"),
+        *((HighlightsConfig, {f.name: 0.0}, f"highlights.{f.name}") for f in dataclasses.fields(HighlightsConfig)),
+        *((ShadowsConfig, {f.name: -1}, f"shadows.{f.name}") for f in dataclasses.fields(ShadowsConfig)),
+        (RobustConfig, {"response_rounds": 3}, "response_rounds must be 1 or 2"),
+        (RobustConfig, {"max_disparity": -1}, "max_disparity"),
+    ],
+    ids=str,
+)
+def test_the_stages_of_the_default_method_check_their_settings(stage, setting, message):
+    stage()
+    with pytest.raises(ConfigError, match=message):
+        stage(**setting)
+
+
 def test_a_missing_file_is_said(tmp_path):
     with pytest.raises(ConfigError, match="cannot read"):
         load_config(PaperConfig, tmp_path / "none.toml")
@@ -126,10 +176,11 @@ def test_a_range_as_wide_as_the_image_is_refused():
         PaperConfig(max_disparity=64).search_range(64)
 
 
-def test_a_config_survives_its_own_dictionary():
-    config = dataclasses.replace(PaperConfig(), max_disparity=9)
+@pytest.mark.parametrize("config_type", [PaperConfig, RobustConfig])
+def test_a_config_survives_its_own_dictionary(config_type):
+    config = dataclasses.replace(config_type(), max_disparity=9)
     values = dataclasses.asdict(config)
-    assert config_from_mapping(PaperConfig, values) == config
+    assert config_from_mapping(config_type, values) == config
 
 
 def test_whole_numbers_stay_whole_from_python():

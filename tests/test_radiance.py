@@ -4,7 +4,7 @@ import pytest
 from stereohdr import Photo, ResponseCurve
 from stereohdr.config import ExposureMapConfig
 from stereohdr.errors import ResponseError
-from stereohdr.radiance import code_luma, exposure_map, initial_radiance, luminance
+from stereohdr.radiance import clip_to_common_interval, code_luma, exposure_map, initial_radiance, luminance
 
 
 def test_radiance_is_exposure_over_time_by_hand():
@@ -43,3 +43,39 @@ def test_thresholds_scale_with_the_white_level():
     codes = np.array([[0, 79, 81, 4000, 4020, 4095]], dtype=np.uint16)  # tau: 80.3 and 4014.7
     expected = [[True, True, False, False, True, True]]
     np.testing.assert_array_equal(exposure_map(Photo(codes, 1.0, 4095)), expected)
+
+
+LINEAR = ResponseCurve.gamma(1.0)  # E(z) = z / 128 / t
+
+
+def pixel(*values):
+    return np.float32([[values]])
+
+
+def test_both_views_are_cut_to_what_both_exposures_see():
+    # Exposure 1 sees 2 / 128 to 247 / 128, exposure 4 a quarter of that: both see 2 / 128 to 61.75 / 128.
+    low, high = 2 / 128, 247 / 128 / 4
+    bright, dark = pixel(1.0, 0.2, 0.001), pixel(0.3, 0.5, 0.0)
+    for exposures in ((1.0, 4.0), (4.0, 1.0)):
+        main, auxiliary = clip_to_common_interval(bright, dark, LINEAR, exposures=exposures)
+        np.testing.assert_allclose(main[0, 0], [high, 0.2, low], rtol=1e-6)
+        np.testing.assert_allclose(auxiliary[0, 0], [0.3, high, low], rtol=1e-6)
+        assert main.dtype == auxiliary.dtype == np.float32
+
+
+def test_each_channel_has_its_own_interval():
+    curves = np.stack([LINEAR.log_exposure[0], 2 * LINEAR.log_exposure[0], LINEAR.log_exposure[0]])
+    main, _ = clip_to_common_interval(
+        pixel(9.0, 9.0, 9.0), pixel(1.0, 1.0, 1.0), ResponseCurve(curves), exposures=(1.0, 2.0)
+    )
+    np.testing.assert_allclose(main[0, 0], [247 / 256, (247 / 128) ** 2 / 2, 247 / 256], rtol=1e-6)
+
+
+def test_exposures_that_share_nothing_leave_one_value():
+    # Exposure 1 begins at 2 / 128, exposure 400 ends at 247 / 128 / 400: between them there is nothing.
+    middle = np.sqrt(2 / 128 * 247 / 128 / 400)
+    main, auxiliary = clip_to_common_interval(
+        pixel(1.0, 0.01, 0.0), pixel(0.005, 0.0, 3.0), LINEAR, exposures=(1.0, 400.0)
+    )
+    np.testing.assert_allclose(main[0, 0], middle, rtol=1e-6)
+    np.testing.assert_allclose(auxiliary[0, 0], middle, rtol=1e-6)

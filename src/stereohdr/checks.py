@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -10,15 +11,15 @@ from numpy.typing import NDArray
 from stereohdr.config import DEFAULT_DISPARITY_SHARE, ExposureMapConfig
 from stereohdr.errors import ExposureError, InputError
 from stereohdr.model import Photo, ResponseCurve, StereoPair
-from stereohdr.radiance import code_luma, exposure_map
+from stereohdr.radiance import code_luma, out_of_range
 
 
 def unusable_view(pair: StereoPair, *, config: ExposureMapConfig | None = None) -> str | None:
     """Return a sentence about a view without a single well-exposed pixel, None if both have some."""
     config = config or ExposureMapConfig()
     for photo in (pair.main_photo, pair.auxiliary_photo):
-        if exposure_map(photo, config=config).all():
-            luma = code_luma(photo)
+        luma = code_luma(photo)
+        if out_of_range(luma, config=config).all():
             dark = bool((luma < config.under_threshold).all())
             bright = bool((luma > config.over_threshold).all())
             state = "black" if dark else "white" if bright else "black or white"
@@ -87,6 +88,9 @@ CLEAR_RATIO = 1.5
 SMALL_RATIO_SLACK = 8.0
 """Codes (of 255) by which the longer exposure may be darker on average below `CLEAR_RATIO`."""
 
+ORDER_PIXELS = 100_000
+"""So many pixels of a photo are compared, at most, at regular distances."""
+
 
 def check_exposure_order(pair: StereoPair) -> None:
     """Check that the photo of the longer exposure is the brighter one.
@@ -107,7 +111,8 @@ def check_exposure_order(pair: StereoPair) -> None:
         )
     short, long = (photos[i] for i in np.argsort(exposures))
     levels = np.linspace(0.05, 0.95, 19)
-    dark, bright = (np.quantile(code_luma(photo), levels) for photo in (short, long))
+    step = math.ceil(math.sqrt(short.height * short.width / ORDER_PIXELS))
+    dark, bright = (np.quantile(code_luma(photo)[::step, ::step], levels) for photo in (short, long))
     config = ExposureMapConfig()
     clipped = (np.maximum(dark, bright) < config.under_threshold) | (
         np.minimum(dark, bright) > config.over_threshold
@@ -169,10 +174,9 @@ def check_views(pair: StereoPair) -> str | None:
     from stereohdr.disparity.consistency import consistent_share
 
     factor = max(1, round(pair.left.width / VIEW_CHECK_WIDTH))
-    left, right = (_reduced(code_luma(photo), factor) for photo in (pair.left, pair.right))
-    usable_left, usable_right = (
-        _reduced(exposure_map(photo).astype(np.float32), factor) < 0.5 for photo in (pair.left, pair.right)
-    )
+    lumas = [code_luma(photo) for photo in (pair.left, pair.right)]
+    left, right = (_reduced(luma, factor) for luma in lumas)
+    usable_left, usable_right = (_reduced(out_of_range(luma).astype(np.float32), factor) < 0.5 for luma in lumas)
     height, width = left.shape
     if height < VIEW_CHECK_SMALLEST[0] or width < VIEW_CHECK_SMALLEST[1]:
         return None
@@ -198,5 +202,5 @@ def check_views(pair: StereoPair) -> str | None:
 def _reduced(image: NDArray[np.float32], factor: int) -> NDArray[np.float32]:
     """Return block means of `factor` x `factor` pixels."""
     height, width = (size // factor for size in image.shape)
-    blocks = image[: height * factor, : width * factor].reshape(height, factor, width, factor)
-    return np.ascontiguousarray(blocks.mean(axis=(1, 3)), dtype=np.float32)
+    rows = image[: height * factor, : width * factor].reshape(height, factor, width * factor).mean(axis=1)
+    return rows.reshape(height, width, factor).mean(axis=2)

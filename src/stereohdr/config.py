@@ -481,7 +481,7 @@ class AgreementConfig:
     clipped in both views."""
     black_code: float = 10.0
     """Up to this code (of 255) there is no lower limit."""
-    support: int = 2
+    support: int = 1
     """Radius of the window in which more than half of the pixels must agree, pixels, 0 to 20."""
 
     def __post_init__(self) -> None:
@@ -578,6 +578,10 @@ class RobustConfig(FuseConfig):
     """Restoring clipped channels, when the auxiliary exposure is the shorter one."""
     shadows: ShadowsConfig = field(default_factory=ShadowsConfig)
     """Cleaning noisy pixels, when the auxiliary exposure is the longer one."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _require(self.response_rounds in (1, 2), "response_rounds", self.response_rounds, "1 or 2")
 
 
 @dataclass(frozen=True)

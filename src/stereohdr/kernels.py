@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numba
+
+_folders: set[Path] = set()
 
 
 def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -15,6 +18,13 @@ def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
     neither can be written (a service without a home), it is compiled anew in each process.
     """
     try:
-        return numba.njit(nogil=True, cache=True)(function)
+        dispatcher = numba.njit(nogil=True, cache=True)(function)
     except RuntimeError:  # "no locator available"
         return numba.njit(nogil=True)(function)
+    _folders.add(Path(str(dispatcher.stats.cache_path)))
+    return dispatcher
+
+
+def kernel_folders() -> tuple[Path, ...]:
+    """Return the folders in which the kernels that were imported so far are cached; none if they are not."""
+    return tuple(sorted(_folders))

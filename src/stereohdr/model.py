@@ -461,7 +461,10 @@ class ResponseCurve:
                 f"the response curve has {self.channels} channel(s), the image has {codes.shape[-1]}"
             )
         table = self.exposure_table(white_level).astype(np.float32)
-        return np.stack([table[c][codes[..., c]] for c in range(self.channels)], axis=-1)
+        exposure = np.empty(codes.shape, dtype=np.float32)
+        for c in range(self.channels):
+            exposure[..., c] = table[c][codes[..., c]]
+        return exposure
 
     def save(self, path: str | Path) -> None:
         """Write the curve as JSON (see `load`)."""

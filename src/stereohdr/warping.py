@@ -5,7 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from stereohdr._warping_kernels import fetch_rows
 from stereohdr.model import Disparity, DisparityFlag
+from stereohdr.strips import run_strips
+
+STRIP_ROWS = 64
 
 
 def warp_forward(
@@ -49,7 +53,7 @@ def warp_forward(
 
 
 def warp_backward(
-    image: NDArray[np.float32], disparity: Disparity
+    image: NDArray[np.float32], disparity: Disparity, *, threads: int | None = None
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
     """Fetch for every matched main pixel its partner in the auxiliary view.
 
@@ -59,6 +63,8 @@ def warp_backward(
         ``(H, W, C)`` float32 of the auxiliary view.
     disparity
         Disparity of the **main** view.
+    threads
+        Threads to use; does not change the result.
 
     Returns
     -------
@@ -72,17 +78,16 @@ def warp_backward(
     ``x_auxiliary = x_main - d``, interpolated linearly between the two columns around it; whole disparities fetch
     the pixels as they are.
     """
-    height, width = disparity.values.shape
-    position = np.arange(width) - disparity.values.astype(np.float64)
-    seen = disparity.flags == DisparityFlag.MATCHED
-    arrived = seen & (position >= 0) & (position <= width - 1)
-    position = np.where(arrived, position, 0.0)
-    before = np.floor(position).astype(np.intp)
-    share = (position - before)[..., None].astype(np.float32)
-    row = np.arange(height)[:, None]
-    first, second = image[row, before], image[row, np.minimum(before + 1, width - 1)]
-    warped = np.where(share > 0, (1 - share) * first + share * second, first)
-    return np.where(arrived[..., None], warped, np.float32(0)), arrived
+    image = np.ascontiguousarray(image, dtype=np.float32)
+    values = np.ascontiguousarray(disparity.values, dtype=np.float32)
+    matched = np.ascontiguousarray(disparity.flags == DisparityFlag.MATCHED)
+    warped, arrived = np.empty_like(image), np.empty(values.shape, dtype=bool)
+
+    def task(start: int, stop: int) -> None:
+        fetch_rows(image, values, matched, start, stop, warped, arrived)
+
+    run_strips(task, len(image), strip_rows=STRIP_ROWS, threads=threads)
+    return warped, arrived
 
 
 def without_occluded(disparity: Disparity) -> Disparity:

@@ -132,6 +132,14 @@ def test_pairs_with_few_pixels_count_less():
     assert found[0] < 0.05 < found[1]
 
 
+def test_what_no_pair_decides_is_srgb():
+    codes = KNOTS[20:100]
+    rows = np.column_stack([codes, codes, np.full(80, 100.0), np.full(80, 1.0)])  # equal codes: no equation at all
+    fitted = fit_parametric_response([rows, rows, rows])
+    assert fitted is not None
+    np.testing.assert_allclose(fitted[0].log_exposure, ResponseCurve.srgb().log_exposure, atol=2e-6)
+
+
 def test_too_few_pairs_and_falling_relations_give_none():
     rows = exact_pairs(ResponseCurve.gamma(2.2, 1).log_exposure[0])
     assert fit_parametric_response([rows[:7]]) is None
@@ -158,7 +166,9 @@ def test_a_curve_beyond_all_bounds_gives_none():
 def test_whatever_comes_out_rises_and_is_0_in_the_middle(channels, pairs, log_ratio, seed, degree):
     rng = np.random.default_rng(seed)
     samples = [
-        np.column_stack([rng.uniform(0, 255, (pairs, 2)), rng.integers(1, 10**6, pairs), np.full(pairs, log_ratio)])
+        np.column_stack(
+            [rng.uniform(0, 255, (pairs, 2)), rng.integers(1, 10**6, pairs), np.full(pairs, log_ratio)]
+        )
         for _ in range(channels)
     ]
     if seed % 2:
@@ -215,8 +225,8 @@ def test_mid_rank_pairs_by_hand():
 
 def test_mid_rank_pairs_leave_out_rare_and_extreme_codes():
     main, auxiliary = np.zeros(256, int), np.zeros(256, int)
-    main[[2, 100, 150, 252]] = [100, 100, 39, 61]
-    auxiliary[[3, 120, 180, 253]] = [100, 100, 39, 61]
+    main[[2, 5, 100, 150, 252]] = [100, 50, 100, 39, 61]
+    auxiliary[[3, 1, 120, 180, 253]] = [50, 100, 100, 39, 61]  # code 5 of the main view pairs with 3
     np.testing.assert_allclose(mid_rank_pairs(main, auxiliary, 1.0), [[100, 120, 100, 1]] * 2)
     config = ParametricResponseConfig(fewest_pixels=39, highest_code=254)
     np.testing.assert_allclose(

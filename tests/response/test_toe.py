@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stereohdr import ResponseCurve
-from stereohdr.response.toe import calibrate_toe
+from stereohdr.response.toe import calibrate_toe, resolve_black
 from stereohdr.simulation import Camera, expose
 
 
@@ -51,7 +51,9 @@ def test_the_curve_keeps_rising():
     assert found.log_exposure[0, 1] <= found.log_exposure[0, 2] - 0.001 + 2e-6
 
 
-@given(seed=st.integers(0, 200), ratio=st.floats(1.02, 1e12), lowest=st.sampled_from([-40.0, -39.999, -20.0, -5.0]))
+@given(
+    seed=st.integers(0, 200), ratio=st.floats(1.02, 1e12), lowest=st.sampled_from([-40.0, -39.999, -20.0, -5.0])
+)
 def test_any_counts_leave_a_rising_curve_within_bounds(seed, ratio, lowest):
     rng = np.random.default_rng(seed)
     response = ResponseCurve(np.interp(np.arange(256.0), [0, 128, 255], [lowest, 0, 1])[None])
@@ -75,3 +77,29 @@ def test_the_dark_codes_of_a_simulated_camera_come_nearer_to_what_they_stand_for
         radiance = np.log(np.median(scene[..., 0][short == code]) / unit)
         assert abs(found.log_exposure[0, code] - radiance) < 0.25
         assert abs(start.log_exposure[0, code] - radiance) > 0.3
+
+
+def test_black_of_deep_codes_by_hand():
+    start = ResponseCurve.gamma(1.0, 1)  # knots 1 and 2 stand for 1 / 128 and 2 / 128, and so knot 0 for nothing
+    g = start.log_exposure[0]
+    found = resolve_black(start, 4095).log_exposure[0]
+    assert found[0] == pytest.approx(np.log(0.5 * 255 / 4095 / 128), abs=2e-6)  # half a code
+    np.testing.assert_allclose(found[1:], g[1:], atol=1e-6)
+    lifted = np.log(np.exp(g) + 0.1)
+    found = resolve_black(ResponseCurve((lifted - lifted[128])[None]), 65535).log_exposure[0]
+    assert found[0] == pytest.approx(np.log(0.1) - lifted[128], abs=2e-6)
+    assert resolve_black(start, 255) is start
+
+
+def test_black_stays_within_bounds():
+    steep = ResponseCurve(np.interp(np.arange(256.0), [0, 128, 255], [-40, 0, 1])[None])
+    found = resolve_black(steep, 65535)
+    assert found.is_monotone
+    assert found.log_exposure[0, 0] == -40
+
+
+def test_deep_linear_codes_stay_linear_to_the_dark_end():
+    found = resolve_black(ResponseCurve.gamma(1.0, 1), 4095)
+    exposure = found.exposure_table(4095)[0]
+    np.testing.assert_allclose(exposure[1:17], np.arange(1, 17) * exposure[1600] / 1600, rtol=0.5)
+    np.testing.assert_allclose(exposure[8:17], np.arange(8, 17) * exposure[1600] / 1600, rtol=0.05)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from stereohdr.disparity.census import census_transform, similarity_volume
 
@@ -45,9 +44,8 @@ def consistent_share(
     width = main.shape[1]
     similarity = similarity_volume(
         census_transform(auxiliary), census_transform(main), max_disparity=max_disparity
-    ).astype(np.float32)
-    score = ndimage.uniform_filter1d(similarity, BOX, axis=0, mode="constant")
-    score = ndimage.uniform_filter1d(score, BOX, axis=1, mode="constant")
+    )
+    score = _box_sum(_box_sum(similarity.astype(np.uint16), axis=0), axis=1)
     of_auxiliary = score.argmax(axis=2)
     seen_from_main = np.zeros_like(score)
     for d in range(max_disparity + 1):
@@ -62,3 +60,14 @@ def consistent_share(
     range_usable = before[:, last] - before[:, column] > 0.5 * (max_disparity + 1)
     counted = usable_auxiliary & range_usable & (column + max_disparity < width)
     return float(confirmed[counted].mean()) if counted.mean() > LEAST_COUNTED else float("nan")
+
+
+def _box_sum(volume: NDArray[np.uint16], *, axis: int) -> NDArray[np.uint16]:
+    """Sum `BOX` neighbours along an axis; there is nothing beyond the ends."""
+    padding = [(0, 0)] * volume.ndim
+    padding[axis] = (BOX // 2, BOX // 2)
+    padded = np.moveaxis(np.pad(volume, padding), axis, 0)
+    total = np.zeros_like(volume)
+    for start in range(BOX):
+        total += np.moveaxis(padded[start : start + volume.shape[axis]], 0, axis)
+    return total

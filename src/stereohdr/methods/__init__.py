@@ -18,6 +18,7 @@ from stereohdr.config import (
     OpencvConfig,
     OracleConfig,
     PaperConfig,
+    RobustConfig,
     Sun2010Config,
 )
 from stereohdr.errors import ConfigError
@@ -67,6 +68,12 @@ class Method:
 BUILT_IN = {
     method.name: method
     for method in (
+        Method(
+            "robust",
+            "our own, the default: the paper's stages, each in a form that holds where one view sees little",
+            RobustConfig,
+            "stereohdr.methods.robust:fuse_robust",
+        ),
         Method(
             "paper",
             "Park et al., Sensors 2017, to the letter",

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import sparse
-from scipy.sparse.linalg import splu
 
 from stereohdr.model import MID_KNOT, RESPONSE_KNOTS
+
+if TYPE_CHECKING:
+    from scipy import sparse
 
 
 def debevec_weight(knots: ArrayLike) -> NDArray[np.float64]:
@@ -42,6 +45,9 @@ def solve_response(
     Source: Debevec and Malik 1997, equation 3. The unknown ``ln E_i`` of each sample is eliminated first: it
     is the weighted mean of its rows, so subtracting that mean leaves 256 unknowns instead of 256 + N.
     """
+    from scipy import sparse  # only here: other users of this module start faster
+    from scipy.sparse.linalg import splu
+
     samples = np.asarray(samples, dtype=np.intp)
     log_times = np.log(np.asarray(exposure_times, dtype=np.float64))
     photos = samples.shape[1]
@@ -72,5 +78,7 @@ def solve_response(
 
 def _sparse_rows(values: NDArray[np.float64], columns: NDArray[np.integer]) -> sparse.csr_matrix:
     """Return the matrix whose row r holds ``values[r]`` in ``columns[r]``; repeated columns add up."""
+    from scipy import sparse
+
     rows = np.repeat(np.arange(len(values)), values.shape[1])
     return sparse.csr_matrix((values.ravel(), (rows, columns.ravel())), shape=(len(values), RESPONSE_KNOTS))

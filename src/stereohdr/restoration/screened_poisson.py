@@ -1,0 +1,341 @@
+"""Restoration in the gradient domain with data terms and a lower bound: a fast screened Poisson solver."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereohdr.errors import InputError, StereoHdrWarning
+from stereohdr.float_vectors import LANES
+from stereohdr.restoration import _screened_poisson_kernels as kernels
+from stereohdr.strips import run_strips
+
+STRIP_ROWS = 32
+"""Rows of the image that are turned into equations at a time."""
+
+MOST_ITERATIONS = 1000
+"""Of conjugate gradients; ten to thirty are usual."""
+
+MOST_ROUNDS = 100
+"""Of finding the pixels at their bound and solving for the others; two to four are usual."""
+
+ENOUGH = 0.2
+"""Of the tolerance: how far pixels may be below their bound, or be pulled up from it."""
+
+
+def solve_screened_poisson(
+    domain: NDArray[np.bool_],
+    fixed: NDArray[np.float32],
+    *,
+    data: NDArray[np.float32],
+    data_weight: NDArray[np.float32],
+    gradient_x: NDArray[np.float32],
+    gradient_y: NDArray[np.float32],
+    weight_x: NDArray[np.float32],
+    weight_y: NDArray[np.float32],
+    lower: NDArray[np.float32] | None = None,
+    tolerance: float = 2e-4,
+    threads: int | None = None,
+) -> NDArray[np.float32]:
+    """Find the image u that is near `data`, has nearly the given gradient, and is nowhere below `lower`.
+
+    Minimises, over the pixels p of `domain`, the sum of ``data_weight[p] (u[p] - data[p])^2``, of
+    ``weight_x[p] (u[p + 1] - u[p] - gradient_x[p])^2`` over horizontal neighbours and of
+    ``weight_y[p] (u[p + W] - u[p] - gradient_y[p])^2`` over vertical ones, of which at least one is in the domain;
+    u is `fixed` elsewhere.
+
+    Parameters
+    ----------
+    domain
+        ``(H, W)`` bool, the pixels to solve for.
+    fixed
+        ``(H, W)`` float32, u outside the domain.
+    data, data_weight
+        ``(H, W)`` float32, wanted values and their weights (>= 0); where the weight is 0 data may be anything.
+    gradient_x, weight_x
+        ``(H, W)`` float32, wanted difference to the next column and its weight (>= 0); the last column is ignored.
+    gradient_y, weight_y
+        The same for the next row; the last row is ignored.
+    lower
+        ``(H, W)`` float32, bound of u in the domain, -inf for none. None: no bounds.
+    tolerance
+        In the units of u: the solver stops when it estimates the largest error to be below.
+    threads
+        Threads that set up the equations; None takes all processors. One thread solves them; it holds no lock, so
+        the channels of an image can be solved side by side.
+
+    Returns
+    -------
+    ``(H, W)`` float32, equal to `fixed` outside the domain.
+
+    Raises
+    ------
+    InputError
+        The shapes differ, or something that counts is not finite, or a weight is negative.
+
+    Notes
+    -----
+    A part of the domain that has no pixel with a data weight, and no weight towards a pixel outside, is not
+    determined. It gets `data` where that is finite, else `lower` where that is finite, else 0, and never less than
+    `lower`.
+
+    Conjugate gradients, preconditioned by a multigrid cycle whose interpolation follows the weights (Dendy, "Black
+    box multigrid", Journal of Computational Physics 48, 1982). With bounds, multigrid cycles that heed them on all
+    grids (Kornhuber, "Monotone multigrid methods for elliptic variational inequalities I", Numerische Mathematik
+    69, 1994) find the pixels at their bound, and conjugate gradients solve for the others; both by turns, neither
+    of which raises the sum, until the image changes no more. Time and memory grow with the number of pixels in
+    the bounding box of the domain: 12 float32 numbers each, 15 with bounds.
+    """
+    shape = domain.shape
+    images = [data, data_weight, gradient_x, gradient_y, weight_x, weight_y]
+    bounds = [] if lower is None else [lower]
+    if domain.ndim != 2 or any(image.shape != shape for image in [fixed, *images, *bounds]):
+        raise InputError("The arrays of the screened Poisson equation differ in shape; give all as (H, W).")
+    result = np.array(fixed, dtype=np.float32, order="C")
+    if domain.any():
+        window = _window(domain)
+        images, bounds = [image[window] for image in images], [bound[window] for bound in bounds]
+        _check(domain[window], images, bounds)
+        _solve(np.ascontiguousarray(domain[window]), result[window], images, bounds, tolerance, threads)
+    return result
+
+
+def _window(domain: NDArray[np.bool_]) -> tuple[slice, slice]:
+    """Return the rows and columns of the domain's bounding box, and one more on each side."""
+    rows = np.flatnonzero(domain.any(axis=1))
+    columns = np.flatnonzero(domain.any(axis=0))
+    return slice(max(rows[0] - 1, 0), rows[-1] + 2), slice(max(columns[0] - 1, 0), columns[-1] + 2)
+
+
+def _check(
+    domain: NDArray[np.bool_], images: list[NDArray[np.float32]], bounds: list[NDArray[np.float32]]
+) -> None:
+    """Refuse weights and bounds that make no sense where they count."""
+    _, data_weight, _, _, weight_x, weight_y = images
+    beside = domain[:, :-1] | domain[:, 1:]
+    below = domain[:-1] | domain[1:]
+    for name, weights, counts in (
+        ("data_weight", data_weight, domain),
+        ("weight_x", weight_x[:, :-1], beside),
+        ("weight_y", weight_y[:-1], below),
+    ):
+        if weights.size and not (weights.min() >= 0 and weights.max() < np.inf):
+            wrong = counts & ~((weights >= 0) & (weights < np.inf))
+            if wrong.any():
+                raise InputError(f"{name} holds {weights[wrong][0]}; weights must be finite and not negative.")
+    for bound in bounds:
+        if not bound.max() < np.inf and not (bound[domain] < np.inf).all():
+            raise InputError("lower holds inf or nan; give -inf where there is no bound.")
+
+
+def _solve(
+    domain: NDArray[np.bool_],
+    image: NDArray[np.float32],
+    images: list[NDArray[np.float32]],
+    bounds: list[NDArray[np.float32]],
+    tolerance: float,
+    threads: int | None,
+) -> None:
+    """Write the solution into the domain of the image; `images` are data to weight_y, `bounds` lower or empty."""
+    grids = _allocate(*domain.shape, bounded=bool(bounds))
+    image[domain] = 0
+    _assemble(grids, domain, image, images, bounds, threads)
+    free = domain
+    if kernels.drop_undetermined(grids, grids.direction.view(np.int32)):
+        free = np.zeros_like(image)
+        _add(free, grids.inverse, grids)
+        free = free > 0
+        lost = domain & ~free
+        image[lost] = _default(*(plane[lost] for plane in (images[0], *bounds)))
+    kernels.coarsen(grids)
+    if not bounds:
+        _solve_freely(grids, free, image, images, bounds, tolerance, threads)
+        return
+    # The bounds may change much of the solution, which then need not be known well before.
+    _conjugate_gradients(grids, 100 * tolerance)
+    _add(image, grids.step, grids)
+    if kernels.largest_deficit(grids) == 0:
+        _assemble(grids, free, image, images, bounds, threads)
+        _solve_freely(grids, free, image, images, bounds, tolerance, threads)
+    deficit = kernels.largest_deficit(grids)
+    np.maximum(image, bounds[0], out=image, where=free)
+    if deficit > ENOUGH * tolerance:
+        _heed_bounds(grids, free, image, images, bounds, tolerance, threads)
+
+
+def _solve_freely(
+    grids: kernels.Grids,
+    free: NDArray[np.bool_],
+    image: NDArray[np.float32],
+    images: list[NDArray[np.float32]],
+    bounds: list[NDArray[np.float32]],
+    tolerance: float,
+    threads: int | None,
+) -> None:
+    """Improve an image until it is the best, without regard to bounds.
+
+    Where little anchors much, rounding errors of the residual move it; so it is taken anew from the image until
+    that changes no more.
+    """
+    for _ in range(MOST_ROUNDS):
+        iterations = _conjugate_gradients(grids, tolerance)
+        _add(image, grids.step, grids)
+        if iterations <= 1:
+            return
+        _assemble(grids, free, image, images, bounds, threads)
+    _warn("rounding")
+
+
+def _heed_bounds(
+    grids: kernels.Grids,
+    free: NDArray[np.bool_],
+    image: NDArray[np.float32],
+    images: list[NDArray[np.float32]],
+    bounds: list[NDArray[np.float32]],
+    tolerance: float,
+    threads: int | None,
+) -> None:
+    """Improve an image that keeps the bounds until it is the best that does.
+
+    In each round, multigrid cycles that heed the bounds tell which pixels stay there; the others are solved for as
+    if there were no bounds, and put back above them. Nothing raises the sum that is minimised.
+    """
+    deficit = np.inf
+    for number in range(MOST_ROUNDS):
+        first = number == 0
+        _assemble(grids, free, image, images, bounds, threads)
+        if number > 1 and max(deficit, kernels.largest_pull(grids)) < ENOUGH * tolerance:
+            return
+        if not first:  # the first time these are the grids that were used without bounds
+            kernels.coarsen(grids)
+        grids.correction[:] = 0
+        for _ in range(5 if first else 1):
+            kernels.cycle(grids, True)
+            kernels.take_solution(grids)
+        kernels.hold_bounded(grids)
+        kernels.coarsen(grids)
+        _conjugate_gradients(grids, 10 * tolerance if first else tolerance)
+        deficit = kernels.project(grids)
+        _add(image, grids.correction, grids)
+        np.maximum(image, bounds[0], out=image, where=free)
+    _warn("the bounds")
+
+
+def _conjugate_gradients(grids: kernels.Grids, tolerance: float) -> int:
+    """Write the solution into `grids.step`; the right-hand side becomes the residual. Return the iterations."""
+    grids.step[:] = grids.direction[:] = 0
+    before, rate = np.inf, 0.5
+    last_change = 0.0
+    for iteration in range(MOST_ITERATIONS):
+        product = kernels.cycle(grids, False)
+        if product <= 0:  # only the residual 0, or one as small as rounding errors
+            return iteration
+        change = kernels.conjugate_step(grids, product, product / before)
+        if not np.isfinite(change):
+            raise InputError("Data, gradient or fixed values are not finite where their weight is not 0.")
+        # The changes shrink about geometrically; what is left is estimated by their sum to infinity.
+        if iteration > 0:
+            rate = min(max(change / last_change, 0.3), 0.9)
+        if max(change, 0.5 * last_change) * rate / (1 - rate) < tolerance:
+            return iteration + 1
+        before, last_change = product, change
+    _warn("conjugate gradients")
+    return MOST_ITERATIONS
+
+
+def _warn(what: str) -> None:
+    warnings.warn(
+        f"The screened Poisson equation was not solved to its tolerance ({what}); weights may differ too much.",
+        StereoHdrWarning,
+        stacklevel=4,
+    )
+
+
+def _default(data: NDArray[np.float32], lower: NDArray[np.float32] | None = None) -> NDArray[np.float32]:
+    """Return the values of pixels that nothing determines."""
+    values = np.where(np.isfinite(data), data, -np.inf)
+    if lower is not None:
+        values = np.maximum(values, lower)
+    return np.where(np.isfinite(values), values, 0)
+
+
+def _assemble(
+    grids: kernels.Grids,
+    free: NDArray[np.bool_],
+    image: NDArray[np.float32],
+    images: list[NDArray[np.float32]],
+    bounds: list[NDArray[np.float32]],
+    threads: int | None,
+) -> None:
+    """Write the equations of the free pixels, for what is to be added to the image, into the finest grid."""
+    height, width = free.shape
+    planes = [free, image, *images, *bounds]
+    strip_width = 2 * grids.table[0, 2] + LANES
+
+    def assemble_rows(start: int, stop: int) -> None:
+        strip = np.zeros((len(planes), STRIP_ROWS + 2, strip_width), dtype=np.float32)
+        before, after = max(start - 1, 0), min(stop + 1, height)
+        rows = slice(before - start + 1, after - start + 1)
+        for plane, part in zip(planes, strip, strict=True):
+            part[rows, LANES : LANES + width] = plane[before:after]
+        strip[6, :, LANES + width - 1] = 0  # weight_x of the last column
+        if after == height:
+            strip[7, rows.stop - 1] = 0  # weight_y of the last row
+        kernels.assemble(grids, strip.reshape(-1), strip[0].size, strip_width, start, stop - start, bool(bounds))
+
+    run_strips(assemble_rows, height, strip_rows=STRIP_ROWS, threads=threads)
+
+
+def _add(image: NDArray[np.float32], values: NDArray[np.float32], grids: kernels.Grids) -> None:
+    """Add values of the finest grid to an image."""
+    height, width = image.shape
+    stride = grids.table[0, 2]
+    halves = values[: 2 * (height + 2) * stride].reshape(height + 2, 2, stride)[1:-1, :, LANES:]
+    image[:, 0::2] += halves[:, 0, : (width + 1) // 2]
+    image[:, 1::2] += halves[:, 1, : width // 2]
+
+
+def _allocate(height: int, width: int, *, bounded: bool) -> kernels.Grids:
+    """Allocate the grids for an image of this size, down to one of a single pixel."""
+    table = []
+    start = first = blocks = 0
+    while True:
+        columns = (width + 1) // 2
+        vectors = -(-columns // LANES)
+        stride = (vectors + 1) * LANES
+        table.append((height, columns, stride, start, first, blocks))
+        start += 2 * (height + 2) * stride
+        first += height + 4
+        blocks += height * vectors
+        if height == 1 and width == 1:
+            break
+        height, width = (height + 1) // 2, columns
+    finest = table[1][3] if len(table) > 1 else start
+    return kernels.Grids(
+        table=np.array(table, dtype=np.int64),
+        solution=_zeros(start),
+        rhs=_zeros(start),
+        inverse=_zeros(start),
+        screen=_zeros(start),
+        right=_zeros(start),
+        down=_zeros(start),
+        edge=_zeros(start),
+        right_down=_zeros(start - finest),
+        left_down=_zeros(start - finest),
+        lower=_zeros(start if bounded else 0),
+        correction=_zeros(finest if bounded else 0),
+        step=_zeros(finest),
+        direction=_zeros(finest),
+        scratch=_zeros(kernels.SCRATCH_ROWS * (table[0][2] + 3 * LANES)),
+        first=np.zeros(first, dtype=np.int32),
+        blocks=np.zeros(blocks, dtype=np.int32),
+    )
+
+
+def _zeros(size: int) -> NDArray[np.float32]:
+    """Return so many zeros and a few more, that begin at the beginning of a vector."""
+    values = np.zeros(size + 5 * LANES, dtype=np.float32)
+    offset = -values.ctypes.data // 4 % LANES
+    return values[offset : offset + size + 4 * LANES]
