@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
-    from stereohdr.config import FuseConfig, PaperConfig
+    from stereohdr.config import FuseConfig, PaperConfig, RobustConfig
     from stereohdr.errors import InputError, StereoHdrError, StereoHdrWarning
     from stereohdr.io import read_hdr, read_photo, write_hdr
     from stereohdr.model import (
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
         SourceFlag,
         StereoPair,
     )
-    from stereohdr.pipeline import fuse
+    from stereohdr.pipeline import fuse, fuse_other_view
     from stereohdr.tone_mapping import tonemap
 
 _HOME = {
@@ -35,11 +35,13 @@ _HOME = {
     "PaperConfig": "config",
     "Photo": "model",
     "ResponseCurve": "model",
+    "RobustConfig": "config",
     "SourceFlag": "model",
     "StereoHdrError": "errors",
     "StereoHdrWarning": "errors",
     "StereoPair": "model",
     "fuse": "pipeline",
+    "fuse_other_view": "pipeline",
     "read_hdr": "io",
     "read_photo": "io",
     "tonemap": "tone_mapping",
@@ -55,12 +57,14 @@ __all__ = [
     "PaperConfig",
     "Photo",
     "ResponseCurve",
+    "RobustConfig",
     "SourceFlag",
     "StereoHdrError",
     "StereoHdrWarning",
     "StereoPair",
     "__version__",
     "fuse",
+    "fuse_other_view",
     "read_hdr",
     "read_photo",
     "tonemap",

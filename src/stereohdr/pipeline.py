@@ -5,13 +5,22 @@ from __future__ import annotations
 import platform
 import warnings
 from dataclasses import replace
+from functools import cache
 from importlib.metadata import version
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from stereohdr import __version__
-from stereohdr.checks import check_exposure_order, check_views, doubtful_white_level, unusable_view
+from stereohdr.camera_colour import to_bt709, white_balanced
+from stereohdr.checks import (
+    check_exposure_order,
+    check_same_camera,
+    check_views,
+    doubtful_white_level,
+    estimated_ratio,
+    unusable_view,
+)
 from stereohdr.errors import ConfigError, InputError, ResponseError, StereoHdrError, StereoHdrWarning
 from stereohdr.methods import get_method
 from stereohdr.model import ResponseCurve, StereoPair
@@ -21,7 +30,7 @@ if TYPE_CHECKING:
     from stereohdr.config import FuseConfig
     from stereohdr.model import Disparity, HdrResult
 
-DEFAULT_METHOD = "paper"
+DEFAULT_METHOD = "robust"
 
 
 def fuse(
@@ -47,7 +56,8 @@ def fuse(
     config
         The method's configuration; its defaults when None.
     response
-        Known inverse response of the camera; estimated from the pair when None.
+        Known inverse response of the camera. When None, that of the photos where both bring one (camera raw
+        files), else it is estimated from the pair.
     disparity
         Known disparity of the auxiliary view, ``(H, W)`` in its pixels; estimated from the pair when None.
     keep_stages
@@ -69,7 +79,8 @@ def fuse(
     ExposureError
         The exposure times contradict the brightness of the photos.
     InputError
-        The photos of the left and the right camera are exchanged, or `disparity` has another size than the photos.
+        The photos of the left and the right camera are exchanged, or are raw files of different cameras, or
+        `disparity` has another size than the photos.
     ConfigError
         Unknown method, or a configuration that does not fit the pair.
     ResponseError
@@ -114,6 +125,14 @@ def fuse(
 
     log = StageLog(progress=progress, keep_arrays=keep_stages)
     with log.stage("checks"):
+        for doubt in (check_same_camera(pair, response), estimated_ratio(pair)):
+            if doubt is not None:
+                log.warn(doubt)
+        in_camera_colours = response is None and pair.known_response is not None
+        if in_camera_colours:
+            left, right = white_balanced((pair.left, pair.right), as_in=pair.main_photo)
+            pair = replace(pair, left=left, right=right)
+            response = pair.known_response
         problem = unusable_view(pair, config=config.exposure_map)
         if problem is not None:
             log.warn(f"{problem}; the result is the main view's own radiance")
@@ -132,6 +151,8 @@ def fuse(
     result = run(pair_left, config, response=response, disparity=disparity, log=log, threads=threads)
     if not result.response.is_monotone:
         log.warn("the response curve does not rise everywhere; radiance is not reliable where it falls")
+    if in_camera_colours:
+        result = replace(result, radiance=to_bt709(result.radiance, pair.main_photo.colour_matrix))
     result = replace(
         result,
         config=config,
@@ -151,6 +172,44 @@ def fuse(
     return result
 
 
+def fuse_other_view(
+    pair: StereoPair,
+    result: HdrResult,
+    config: FuseConfig | None = None,
+    *,
+    threads: int | None = None,
+    progress: Progress | None = None,
+) -> HdrResult:
+    """Make the HDR image of the other view, too, with the same method and response.
+
+    Parameters
+    ----------
+    pair
+        The pair from which `result` was made.
+    result
+        What `fuse` made of it in its main view.
+    config, threads, progress
+        As for `fuse`.
+
+    Returns
+    -------
+    The result in the view that was the auxiliary one, with its own disparity, confidence and source flags.
+
+    Raises
+    ------
+    StereoHdrError
+        As `fuse` does.
+    """
+    other = replace(pair, main="right" if pair.main == "left" else "left")
+    response = None if pair.known_response is not None else result.response
+    return fuse(other, result.method, config, response=response, checks=False, threads=threads, progress=progress)
+
+
 def _versions() -> dict[str, str]:
-    packages = {name: version(name) for name in ("numpy", "scipy", "numba")}
+    packages = {name: _package_version(name) for name in ("numpy", "scipy", "numba")}
     return {"stereohdr": __version__, "python": platform.python_version(), **packages}
+
+
+@cache
+def _package_version(name: str) -> str:
+    return version(name)  # reads files

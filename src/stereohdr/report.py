@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,9 @@ import numpy as np
 
 from stereohdr.io.files import atomic_path
 from stereohdr.model import HdrResult, Photo, SourceFlag, StereoPair
+
+RADIANCE_SCALE = "relative: exposure over exposure time in seconds, exposure 1 gives the mid code"
+"""The scale of radiance, as files state it."""
 
 
 def exposure_text(seconds: float) -> str:
@@ -27,14 +31,36 @@ def source_shares(result: HdrResult) -> dict[str, float]:
 
 
 def attributes(result: HdrResult) -> dict[str, Any]:
-    """Return what an HDR file should carry: software, method, exposure times, main view."""
+    """Return what an HDR file should carry: software, method, exposure times, views, scale, versions, geometry."""
+    geometry: dict[str, Any] = {}
+    if result.rectification is not None:
+        geometry = {
+            "rectifiedFrom": result.rectification["source"],
+            "disparityOffset": result.rectification["disparity_offset"],
+        }
     return {
         "software": f"stereohdr {result.versions.get('stereohdr', '')}".strip(),
         "method": result.method,
         "mainView": result.main,
+        "disparityView": result.main if result.main_disparity else "left" if result.main == "right" else "right",
         "exposureTimeMain": result.exposures[0],
         "exposureTimeAuxiliary": result.exposures[1],
+        "radianceScale": RADIANCE_SCALE,
+        "versions": ", ".join(f"{name} {version}" for name, version in result.versions.items()),
+        **geometry,
     }
+
+
+def layers(result: HdrResult) -> dict[str, np.ndarray]:
+    """Return what an OpenEXR file of the result can carry besides the image, by channel name.
+
+    ``disparity.Z`` is in pixels: of the main view if the method makes it, else of the auxiliary view, 0 where
+    unknown (the attribute ``disparityView`` says whose); ``source.I`` holds `SourceFlag`; ``confidence.Y``, 0..1,
+    is there if the method gives one. All are ``(H, W)``.
+    """
+    disparity = result.main_disparity or result.disparity
+    planes: dict[str, np.ndarray] = {"disparity.Z": disparity.values, "source.I": result.source}
+    return planes if result.confidence is None else {**planes, "confidence.Y": result.confidence}
 
 
 def document(result: HdrResult, pair: StereoPair) -> dict[str, Any]:
@@ -45,7 +71,7 @@ def document(result: HdrResult, pair: StereoPair) -> dict[str, Any]:
         "main": result.main,
         "exposure_times": {"main": result.exposures[0], "auxiliary": result.exposures[1]},
         "exposure_ratio": pair.exposure_ratio,
-        "size": [pair.left.width, pair.left.height],
+        "size": [result.source.shape[1], result.source.shape[0]],
         "channels": pair.left.channels,
         "left": pair.left.name,
         "right": pair.right.name,
@@ -55,8 +81,23 @@ def document(result: HdrResult, pair: StereoPair) -> dict[str, Any]:
         "seconds": dict(result.seconds),
         "warnings": list(result.warnings),
         "versions": dict(result.versions),
+        "rectification": None if result.rectification is None else dict(result.rectification),
         "response": result.response.log_exposure.tolist(),
     }
+
+
+def rectification_text(report: Mapping[str, Any]) -> str:
+    """Return how a pair was rectified and how well its rows agree, see `Rectification.report`."""
+    origin = {"calibration": "by calibration", "pictures": "from the pictures"}.get(
+        report["source"], "by calibrated lenses and the pictures"
+    )
+    if report["dy_median"] is None:
+        return f"{origin}; too few matches to measure how well"
+    return (
+        f"{origin}; rows agree to {report['dy_median']:.2f} px (median of {report['held_out']} matches, 95 % "
+        f"within {report['dy_p95']:.2f}), disparity {report['disparity_min']:.0f} to "
+        f"{report['disparity_max']:.0f} px"
+    )
 
 
 def write_text(path: str | Path, content: str) -> None:
@@ -82,14 +123,17 @@ def summary(result: HdrResult, pair: StereoPair) -> list[str]:
         return f"{100 * result.statistics[name]:.1f} %"
 
     colour = "grey" if pair.left.channels == 1 else "RGB"
+    height, width = result.source.shape
     lines = [
         f"method     {result.method}, result in the {result.main} view",
         f"main       {view(pair.main_photo)}",
         f"auxiliary  {view(pair.auxiliary_photo)}",
         f"exposure   ratio {pair.exposure_ratio:.3g}",
-        f"size       {pair.left.width}x{pair.left.height} {colour}, white level {pair.left.white}",
+        f"size       {width}x{height} {colour}, white level {pair.left.white}",
         f"clipped    {percent('clipped_share')} of the main view is under- or over-exposed",
     ]
+    if result.rectification is not None:
+        lines.append(f"rectified  {rectification_text(result.rectification)}")
     if "interest_share" in result.statistics:
         s = result.statistics
         lines += [
@@ -97,6 +141,14 @@ def summary(result: HdrResult, pair: StereoPair) -> list[str]:
             f"disparity  {s['disparity_min']:g} to {s['disparity_max']:g} px "
             f"(searched 0 to {s['disparity_searched']:g})",
             f"holes      {percent('occluded_share')} without a match, {percent('rejected_share')} rejected",
+        ]
+    if "matched_share" in result.statistics:
+        s = result.statistics
+        lines += [
+            f"disparity  {s['disparity_min']:.1f} to {s['disparity_max']:.1f} px "
+            f"(searched {s['disparity_searched_from']:g} to {s['disparity_searched']:g})",
+            f"matched    {percent('matched_share')} of the main view; {percent('occluded_share')} hidden from the "
+            f"auxiliary view, {percent('rejected_share')} matched but rejected",
         ]
     shares = source_shares(result)
     sources = ", ".join(f"{name.replace('_', ' ')} {100 * share:.1f} %" for name, share in shares.items() if share)

@@ -1,14 +1,17 @@
+import sys
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from dataset_folders import Wall, write_art, write_official
+from dataset_folders import Wall, write_art, write_deep_png, write_official
+from stereo_rigs import World, photographed
 
 from stereohdr import write_hdr
 from stereohdr.datasets import benchmark_scenes, load_scene, procedural_scene
 from stereohdr.datasets.simulated import PROCEDURAL
-from stereohdr.errors import FileFormatError, InputError
+from stereohdr.errors import FileFormatError, InputError, MissingDependencyError
 from stereohdr.io.images import write_png
+from stereohdr.radiance import initial_radiance
 from stereohdr.simulation import SCENES
 
 SETTINGS = ["normal-long", "short-long", "long-short", "short-dark"]
@@ -97,6 +100,36 @@ def test_the_papers_inputs_from_full_sets(tmp_path):
     assert (scene.pair.exposures, scene.max_disparity) == ((0.5, 2.0), 67)
 
 
+def test_pairs_that_are_rectified_first(tmp_path, monkeypatch):
+    pytest.importorskip("cv2")
+    world, turned = World(), {"left": (0.5, 1.0, -1.0), "right": (-0.5, -1.0, 1.0)}
+    for ms in (64, 256, 1024):
+        # 14 codes of pedestal, as the cameras of POLAR have.
+        for photo in photographed(world, **turned, times=(ms / 4000, ms / 4000), bits=12):
+            side = photo.name.removesuffix(".png")
+            codes = np.minimum(photo.codes[..., 0] + 14, 4094)
+            (tmp_path / "polar").mkdir(exist_ok=True)
+            write_deep_png(tmp_path / "polar" / f"{side}_{ms:04}ms.png", codes)
+    assert list(benchmark_scenes(tmp_path)) == ["R6", "R7", *PROCEDURAL_NAMES]
+    scene = load_scene("R7", tmp_path)
+    assert (scene.pair.main, scene.pair.exposures, scene.name) == ("left", (1.024, 0.064), "R7")
+    assert scene.pair.main_photo.white == 4094 * 16
+    assert scene.reference.shape[:2] == (scene.pair.left.height, scene.pair.left.width)
+    assert 30 <= scene.max_disparity < 60
+    assert scene.response is not None
+    # The reference is the bracket of the same, rectified view.
+    own = initial_radiance(scene.pair.left, scene.response, exposure=1.024)
+    codes = scene.pair.left.codes / scene.pair.left.white
+    usable = (codes > 0.05) & (codes < 0.9)
+    error = np.log2(own / scene.reference)[usable]
+    assert np.percentile(np.abs(error), 90) < 0.1
+    monkeypatch.setitem(sys.modules, "cv2", None)
+    monkeypatch.setattr("stereohdr.datasets.registry.find_spec", lambda name: None)
+    assert list(benchmark_scenes(tmp_path)) == PROCEDURAL_NAMES
+    with pytest.raises(MissingDependencyError, match="rectifying scene R6 needs OpenCV"):
+        load_scene("R6", tmp_path)
+
+
 def test_manifests_are_found_and_names_must_differ(tmp_path):
     write_manifest(tmp_path / "mine")
     write_manifest(tmp_path / "sets" / "other", "Other")
@@ -116,7 +149,7 @@ def test_scenes_that_are_not_there(tmp_path):
         load_scene("R1", tmp_path)
     with pytest.raises(InputError, match="no data folder was given"):
         load_scene("R1")
-    with pytest.raises(InputError, match=r"R6 .*not rectified.*read_polar"):
+    with pytest.raises(InputError, match=r"scene 'R6' is not there"):
         load_scene("R6", tmp_path)
     with pytest.raises(InputError, match="is not a folder"):
         benchmark_scenes(tmp_path / "none")

@@ -85,6 +85,18 @@ def test_other_scenes_load(shared_data, name):
     assert luminance_mask(scene).mean() <= channel_mask(scene).mean()
 
 
+def test_a_scene_that_is_rectified_first(shared_data):
+    pytest.importorskip("cv2")
+    if "R8" not in benchmark_scenes(shared_data):
+        pytest.skip("Boreal is not in the data folder")
+    scene = load_scene("R8", shared_data)
+    assert scene.pair.exposures == (0.001, 0.032)
+    assert 90 < scene.max_disparity < 180
+    main = initial_radiance(scene.pair.main_photo, response_of(scene), exposure=0.001)
+    error = np.log2(luminance(main) / luminance(scene.reference))[~channel_mask(scene)]
+    assert np.median(np.abs(error - np.median(error))) < 0.2  # the rig moves a little between its exposures
+
+
 def test_full_size(shared_data):
     if "R3" not in benchmark_scenes(shared_data):
         pytest.skip("the images of R3 are not in the data folder")

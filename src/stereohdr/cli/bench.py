@@ -19,8 +19,19 @@ class Table(StrEnum):
     TABLE2 = "table2"
     FIGURE2 = "figure2"
     QUALITY = "quality"
+    ABLATION = "ablation"
     ALL = "all"
     METRIC = "metric"
+    SPEED = "speed"
+
+
+class Cases(StrEnum):
+    """Sizes at which speed is measured."""
+
+    SMALL = "small"
+    HD = "hd"
+    LARGE = "large"
+    ALL = "all"
 
 
 def bench_command(
@@ -29,7 +40,8 @@ def bench_command(
         typer.Argument(
             metavar="TABLE",
             help="table1: methods on the paper's scenes; table2: the paper's ablations; figure2: response curves; "
-            "quality: everything on every scene; all: all of these; metric: time and memory of HDR-VDP-2.",
+            "quality: everything on every scene; ablation: what each step of method robust brings; "
+            "all: all of these; metric: time and memory of HDR-VDP-2; speed: everything beside OpenCV's stereo.",
         ),
     ],
     data: Annotated[
@@ -52,15 +64,20 @@ def bench_command(
         Path | None, typer.Option(metavar="DIR", help="Also draw every row: result, visible errors, disparity.")
     ] = None,
     markdown: Annotated[
-        Path | None, typer.Option(metavar="FILE.md", help="With all: write the page of results.")
+        Path | None, typer.Option(metavar="FILE.md", help="With all and speed: write the page of results.")
     ] = None,
+    cases: Annotated[
+        Cases, typer.Option(help="With speed: 695x555, 1920x1080, 6000x4000, or all of them.")
+    ] = Cases.ALL,
     list_scenes: Annotated[bool, typer.Option("--list", help="Only list the scenes that are there.")] = False,
 ) -> None:
     """Rerun the tables of the paper, and ours, on the scenes that you have."""
     from stereohdr.bench.tables import (
+        ABLATION_METHODS,
         QUALITY_METHODS,
         TABLE1_METHODS,
         TABLE2_METHODS,
+        ablation_table,
         published_table,
         quality_table,
         table_scenes,
@@ -74,11 +91,15 @@ def bench_command(
     if table is Table.METRIC:
         _metric(json_file)
         return
+    if table is Table.SPEED:
+        check_outputs([json_file, markdown], [])
+        _speed(cases, json_file, markdown)
+        return
     available = list(benchmark_scenes(data))
     if list_scenes:
         typer.echo("\n".join(available))
         return
-    kind = table.value if table in (Table.TABLE1, Table.TABLE2) else "quality"
+    kind = table.value if table in (Table.TABLE1, Table.TABLE2, Table.ABLATION) else "quality"
     chosen = _names(scenes) or table_scenes(available, kind)
     unknown = [name for name in chosen if name not in available]
     if unknown:
@@ -95,7 +116,8 @@ def bench_command(
     if table is Table.FIGURE2:
         _figure2(data, chosen, json_file, pictures)
         return
-    default = {Table.TABLE1: TABLE1_METHODS, Table.TABLE2: TABLE2_METHODS}.get(table, QUALITY_METHODS)
+    own = {Table.TABLE1: TABLE1_METHODS, Table.TABLE2: TABLE2_METHODS, Table.ABLATION: ABLATION_METHODS}
+    default = own.get(table, QUALITY_METHODS)
     labels = _names(methods) or list(default)
 
     def run(names: Sequence[str], contenders: Sequence[str]) -> list:
@@ -106,21 +128,24 @@ def bench_command(
         from stereohdr.bench.write_up import results_page
 
         ablations = run(table_scenes(chosen, "table2"), TABLE2_METHODS)
+        steps = run(table_scenes(chosen, "ablation"), ABLATION_METHODS)
         curves = _figure2(data, [name for name in chosen if name.startswith("R")] or chosen, None, pictures)
         if markdown is not None:
             words = ["stereohdr bench all", "--data DIR" if data else "", f"--scenes {scenes}" if scenes else ""]
             command = " ".join([word for word in words if word] + [f"--markdown {markdown.name}"])
-            write_text(markdown, results_page(rows, ablations, curves, chosen, command))
+            write_text(markdown, results_page(rows, ablations, steps, curves, chosen, command))
     if json_file is not None:
         _write_rows(json_file, rows)
     if table in (Table.TABLE1, Table.TABLE2):
         typer.echo(published_table(rows, labels) + "\n")
+    if table is Table.ABLATION:
+        typer.echo(ablation_table(rows) + "\n")
     typer.echo(quality_table(rows) + "\n")
     for row in rows:
         if row.error:
             typer.echo(f"{row.scene} {row.method}: {row.error}")
     typer.echo(
-        "Methods other than paper and mv-only are stand-ins where the originals' details are not public.\n"
+        "Methods other than robust, paper and mv-only are stand-ins where the originals' details are not public.\n"
         "Protocol: 30 pixels per degree; reference p99 luminance at 100 cd/m2; test aligned by the median ratio "
         "over well-exposed pixels; rgb-bt.709, grey: luminance."
     )
@@ -221,3 +246,20 @@ def _metric(json_file: Path | None) -> None:
     )
     if json_file is not None:
         write_json(json_file, measured)
+
+
+def _speed(cases: Cases, json_file: Path | None, markdown: Path | None) -> None:
+    from stereohdr.bench.speed import CASES, measure_speed
+    from stereohdr.bench.speed_page import machine_text, speed_page, tables
+    from stereohdr.cli.progress import show_progress
+    from stereohdr.report import write_json, write_text
+
+    with show_progress() as progress:
+        document = measure_speed(list(CASES) if cases is Cases.ALL else [cases.value], progress=progress)
+    files = [f"--{name} {path.name}" for name, path in (("json", json_file), ("markdown", markdown)) if path]
+    document["command"] = " ".join([f"stereohdr bench speed --cases {cases.value}", *files])
+    typer.echo("\n\n".join([machine_text(document), *tables(document)]))
+    if json_file is not None:
+        write_json(json_file, document)
+    if markdown is not None:
+        write_text(markdown, speed_page(document))

@@ -37,7 +37,7 @@ def demo_command(
     ] = None,
 ) -> None:
     """Fuse a simulated pair whose truth is known, and show every step on a contact sheet."""
-    from stereohdr.cli.progress import show_progress
+    from stereohdr.cli.progress import print_line, show_progress
     from stereohdr.io.files import make_folder
 
     with show_progress() as progress:
@@ -45,18 +45,18 @@ def demo_command(
         truth = _scene(scene)
         make_folder(output)
         from stereohdr import report
-        from stereohdr.config import PaperConfig
         from stereohdr.io import write_hdr
         from stereohdr.io.images import write_png
         from stereohdr.metrics import aligning_scale, log2_error, log2_rmse
         from stereohdr.pictures import codes_picture, contact_sheet
-        from stereohdr.pipeline import fuse
+        from stereohdr.pipeline import DEFAULT_METHOD, fuse
         from stereohdr.simulation import Camera, expose_pair
         from stereohdr.tone_mapping import tonemap
+        from stereohdr.warmup import cold_start
 
         pair = expose_pair(truth.left, truth.right, truth.exposures, Camera(), SEED)
-        config = PaperConfig(max_disparity=truth.max_disparity)
-        result = fuse(pair, "paper", config, keep_stages=True, progress=progress)
+        with cold_start(pair, DEFAULT_METHOD, progress, say=print_line) as at_stage:
+            result = fuse(pair, keep_stages=True, progress=at_stage)
 
         progress("comparison")
         s = result.stages["exposure_map"]
@@ -150,7 +150,6 @@ def _tiles(pair: Any, result: Any, truth: DemoScene, errors: dict, scores: dict)
         codes_picture,
         diverging,
         heat,
-        segment_colours,
         source_colours,
         tonemap_together,
     )
@@ -165,9 +164,9 @@ def _tiles(pair: Any, result: Any, truth: DemoScene, errors: dict, scores: dict)
         (f"left photo, main view, {exposure_text(t_main)}", codes_picture(pair.left)),
         (f"right photo, auxiliary, {exposure_text(t_auxiliary)}", codes_picture(pair.right)),
         ("S: under- and over-exposed", stages["exposure_map"].astype("uint8") * 255),
-        ("segments of the main view", segment_colours(stages["main_segments"])),
-        ("disparity of the auxiliary view", heat(stages["auxiliary_disparity"], high=truth.max_disparity)),
-        ("weight of the auxiliary view", heat(stages["weight"])),
+        ("disparity of the main view", heat(stages["main_disparity"], high=truth.max_disparity)),
+        ("confidence of the disparity", heat(stages["confidence"])),
+        ("matches that agree with the main view", stages["valid"].astype("uint8") * 255),
         ("source: grey main, green auxiliary, others filled", source_colours(result.source)),
         ("truth", true_view),
         (f"main view only: {scores['main view only']['inside_s']:.2f} stops off in S", main_only),

@@ -5,11 +5,23 @@ from __future__ import annotations
 import time
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from stereohdr.cli.outputs import HDR_OUTPUT
+from stereohdr.cli.photos import Bayer, BlackLevel, ResponseFile, WhiteLevel
 from stereohdr.errors import FileFormatError, InputError
+
+if TYPE_CHECKING:
+    from stereohdr.rectification import RectifiedPair
+
+
+class Rectify(StrEnum):
+    """Whether the pictures tell how the cameras stand."""
+
+    NONE = "none"
+    AUTO = "auto"
 
 
 class Side(StrEnum):
@@ -21,12 +33,15 @@ class Side(StrEnum):
 
 def fuse_command(
     left: Annotated[
-        Path, typer.Argument(metavar="LEFT", help="Photo of the left camera: PNG, JPEG or TIFF, 8 or 16 bit.")
+        Path, typer.Argument(metavar="LEFT", help="Photo of the left camera: PNG, JPEG, TIFF, HEIC or camera raw.")
     ],
     right: Annotated[
-        Path, typer.Argument(metavar="RIGHT", help="Photo of the right camera, rectified to the left one.")
+        Path,
+        typer.Argument(
+            metavar="RIGHT", help="Photo of the right camera; rectified, or see --rectify and --calib."
+        ),
     ],
-    output: Annotated[Path, typer.Option("-o", "--output", help="HDR image to write: .exr, .hdr, .pfm or .npy.")],
+    output: Annotated[Path, typer.Option("-o", "--output", help=HDR_OUTPUT)],
     exposures: Annotated[
         tuple[str, str] | None,
         typer.Option(
@@ -35,22 +50,56 @@ def fuse_command(
             "from EXIF count, too, when both photos have them.",
         ),
     ] = None,
+    estimate_ratio: Annotated[
+        bool,
+        typer.Option("--estimate-ratio", help="Nobody knows the exposures: estimate their ratio from the photos."),
+    ] = False,
     main: Annotated[Side, typer.Option(help="The view in which the result is made.")] = Side.LEFT,
+    rectify: Annotated[
+        Rectify,
+        typer.Option(help="auto: bring the views onto common rows first, by what the pictures have in common."),
+    ] = Rectify.NONE,
+    calib: Annotated[
+        list[Path] | None,
+        typer.Option(
+            metavar="FILE",
+            help="Rectify by this calibration: of `stereohdr calibrate`, OpenCV or Kalibr; twice for ROS (left, "
+            "right) and OpenCV's intrinsics and extrinsics. With --rectify auto only its lenses are used.",
+        ),
+    ] = None,
+    unrectify: Annotated[
+        bool, typer.Option("--unrectify", help="Bring the result back to the pixels of the main photo.")
+    ] = False,
     method: Annotated[
-        str, typer.Option(help="How to fuse: paper; to compare mv-only, opencv, lin2009, baetz2014, sun2010.")
-    ] = "paper",
+        str,
+        typer.Option(
+            help="How to fuse: robust (our own), paper (Park et al. 2017); to compare mv-only, opencv, lin2009, "
+            "baetz2014, sun2010."
+        ),
+    ] = "robust",
     max_disparity: Annotated[
         int | None,
-        typer.Option(metavar="N", help="Largest disparity in pixels; about 17 % of the width by default."),
+        typer.Option(
+            metavar="N",
+            help="Largest disparity in pixels; found from the pair by default.",
+        ),
     ] = None,
-    white_level: Annotated[
-        int | None,
-        typer.Option(metavar="CODE", help="Code at which the sensor clips, such as 4095 for 12 bits in 16."),
-    ] = None,
+    white_level: WhiteLevel = None,
+    black_level: BlackLevel = 0,
+    bayer: Bayer = None,
     config: Annotated[Path | None, typer.Option(metavar="FILE.toml", help="Settings of the method.")] = None,
-    response: Annotated[
-        Path | None, typer.Option(metavar="FILE.json", help="Known camera response instead of an estimate.")
-    ] = None,
+    response: ResponseFile = None,
+    both: Annotated[
+        bool,
+        typer.Option(
+            "--both", help="Also make the result in the other view: NAME_left or NAME_right beside the output."
+        ),
+    ] = False,
+    half: Annotated[bool, typer.Option("--half", help="OpenEXR and JPEG XL: half floats, half as large.")] = False,
+    layers: Annotated[
+        bool,
+        typer.Option("--layers", help="OpenEXR: also channels disparity.Z, source.I and, if known, confidence.Y."),
+    ] = False,
     preview: Annotated[
         Path | None, typer.Option(metavar="FILE.png", help="Also write a tone-mapped picture.")
     ] = None,
@@ -69,36 +118,76 @@ def fuse_command(
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress and no summary.")] = False,
 ) -> None:
     """Fuse a rectified stereo pair taken at two exposures into one HDR image."""
-    from stereohdr.cli.progress import show_progress
+    from stereohdr.cli.progress import print_line, show_progress
     from stereohdr.io.files import make_folder
     from stereohdr.io.hdr import check_hdr_path
 
     start = time.perf_counter()
-    check_hdr_path(output)
+    if estimate_ratio and exposures is not None:
+        raise InputError("--estimate-ratio takes the place of --exposures; give one of the two")
+    check_hdr_path(output, *(name for name, given in (("half", half), ("layers", layers)) if given))
     if preview is not None and preview.suffix.lower() != ".png":
         raise FileFormatError(f"{preview}: the preview is a PNG picture; give a name that ends in .png")
-    check_outputs([output, preview, json_file], [left, right, config, response], folder=save_stages)
+    other = "right" if main is Side.LEFT else "left"
+    other_output = output.with_stem(f"{output.stem}_{other}") if both else None
+    if unrectify and rectify is Rectify.NONE and not calib:
+        raise InputError("--unrectify undoes a rectification; give --rectify auto or --calib, too")
+    inputs = [left, right, config, response, *(calib or [])]
+    check_outputs([output, other_output, preview, json_file], inputs, folder=save_stages)
 
     with show_progress(quiet=quiet) as progress:
         progress("reading")
-        pair = _read_pair(left, right, exposures, main, white_level)
-        from stereohdr.model import ResponseCurve
-        from stereohdr.pipeline import fuse
+        from stereohdr.cli.photos import read_photos
+        from stereohdr.io.metadata import parse_exposure_time
+        from stereohdr.io.response_files import read_response
+        from stereohdr.model import StereoPair
+        from stereohdr.pipeline import fuse, fuse_other_view
+        from stereohdr.warmup import cold_start
 
-        settings = _settings(method, config, max_disparity)
-        curve = ResponseCurve.load(response) if response else None
+        times = None if exposures is None else [parse_exposure_time(text) for text in exposures]
+        photos = read_photos([left, right], times, white_level=white_level, black_level=black_level, bayer=bayer)
+        curve = None
+        if response is not None:
+            curve = read_response(response, channels=photos[0].channels, white_level=photos[0].white)
+        if estimate_ratio:
+            from stereohdr.response.exposure_ratio import with_estimated_exposures
+
+            photos = with_estimated_exposures(*photos, response=curve)
+        rectified, originals = None, photos
+        if calib or rectify is Rectify.AUTO:
+            progress("rectification")
+            from stereohdr.rectification import read_calibration, rectify_pair
+
+            rectified = rectify_pair(
+                *photos,
+                main=main.value,
+                calibration=read_calibration(*calib) if calib else None,
+                pose_from_pictures=rectify is Rectify.AUTO,
+                response=curve,
+            )
+            photos = [rectified.left, rectified.right]
+        pair = StereoPair(*photos, main=main.value)
+        settings = _settings(method, config, max_disparity, rectified)
         if save_stages is not None:
             make_folder(save_stages)
-        result = fuse(
-            pair,
-            method,
-            settings,
-            response=curve,
-            keep_stages=save_stages is not None,
-            checks=checks,
-            threads=threads,
-            progress=progress,
-        )
+        with cold_start(pair, method, progress, say=None if quiet else print_line) as at_stage:
+            result = fuse(
+                pair,
+                method,
+                settings,
+                response=curve,
+                keep_stages=save_stages is not None,
+                checks=checks,
+                threads=threads,
+                progress=at_stage,
+            )
+            other_result = (
+                fuse_other_view(pair, result, settings, threads=threads, progress=at_stage) if both else None
+            )
+        if rectified is not None:
+            before = originals if unrectify else None
+            result = rectified.finished(result, before, response=curve)
+            other_result = other_result and rectified.finished(other_result, before, response=curve)
         progress("writing")
         from stereohdr import report
         from stereohdr.io import write_hdr
@@ -106,8 +195,17 @@ def fuse_command(
         from stereohdr.pictures import save_stages as write_stages
         from stereohdr.tone_mapping import tonemap
 
-        write_hdr(output, result.radiance, attributes=report.attributes(result))
-        written = [output]
+        written = []
+        for path, made in ((output, result), (other_output, other_result)):
+            if path is not None and made is not None:
+                write_hdr(
+                    path,
+                    made.radiance,
+                    attributes=report.attributes(made),
+                    layers=report.layers(made) if layers else None,
+                    half=half,
+                )
+                written.append(path)
         if preview is not None:
             write_png(preview, tonemap(result.radiance))
             written.append(preview)
@@ -160,20 +258,8 @@ def check_outputs(outputs: list[Path | None], inputs: list[Path | None], *, fold
                 )
 
 
-def _read_pair(left: Path, right: Path, exposures: tuple[str, str] | None, main: Side, white_level: int | None):
-    from stereohdr.io import read_photo
-    from stereohdr.io.metadata import parse_exposure_time
-    from stereohdr.model import StereoPair
-
-    times = (None, None) if exposures is None else tuple(parse_exposure_time(text) for text in exposures)
-    photos = [
-        read_photo(path, exposure_time=time, white_level=white_level)
-        for path, time in zip((left, right), times, strict=True)
-    ]
-    return StereoPair(*photos, main=main.value)
-
-
-def _settings(method: str, config: Path | None, max_disparity: int | None):
+def _settings(method: str, config: Path | None, max_disparity: int | None, rectified: RectifiedPair | None):
+    """Return the configuration; the search range as given, or as the rectification found it."""
     from dataclasses import replace
 
     from stereohdr.config import load_config
@@ -181,4 +267,6 @@ def _settings(method: str, config: Path | None, max_disparity: int | None):
 
     config_type = get_method(method).config_type
     settings = load_config(config_type, config) if config else config_type()
+    if max_disparity is None and settings.max_disparity is None and rectified is not None:
+        max_disparity = rectified.largest_disparity
     return settings if max_disparity is None else replace(settings, max_disparity=max_disparity)

@@ -19,12 +19,13 @@ def show_progress(*, quiet: bool = False) -> Iterator[Progress]:
         with _spinner() as report:
             yield report
     else:
-        yield _plain_line
+        yield print_line
 
 
-def _plain_line(stage: str) -> None:
+def print_line(words: str) -> None:
+    """Print a line to standard error; a spinner stays below it."""
     with suppress(OSError, AttributeError):  # nobody reads it any more: no reason to lose the result
-        print(stage, file=sys.stderr, flush=True)
+        print(words, file=sys.stderr, flush=True)
 
 
 @contextmanager

@@ -49,10 +49,11 @@ def write_photo(path: str | Path, photo: Photo) -> None:
 
 def _exif_chunk(photo: Photo) -> bytes:
     from PIL import Image
+    from PIL.TiffImagePlugin import IFDRational
 
     tags = {
-        EXPOSURE_TIME: None if photo.exposure_time is None else _rational(photo.exposure_time),
-        F_NUMBER: None if photo.f_number is None else _rational(photo.f_number),
+        EXPOSURE_TIME: None if photo.exposure_time is None else IFDRational(*_rational(photo.exposure_time)),
+        F_NUMBER: None if photo.f_number is None else IFDRational(*_rational(photo.f_number)),
         ISO: None if photo.iso is None else round(photo.iso),
     }
     exif = Image.Exif()
