@@ -15,6 +15,7 @@ from stereohdr.pictures import (
     contact_sheet,
     heat,
     segment_colours,
+    source_colours,
     stage_pictures,
     tonemap_together,
 )
@@ -61,7 +62,37 @@ def method_figure() -> None:
     save("method.jpg", contact_sheet(tiles), 1600)
 
 
+def robust_figure() -> None:
+    """Save what each stage of method ``robust`` makes of the Motorcycle pair."""
+    truth = demo._motorcycle()
+    pair = expose_pair(truth.left, truth.right, truth.exposures, Camera(), demo.SEED)
+    result = fuse(pair, "robust", keep_stages=True)
+    stages = stage_pictures(result.stages)
+    main_only, warped, borrowed, fused = tonemap_together(
+        [result.stages["main_radiance"], result.stages["warped"], result.stages["borrowed"], result.radiance]
+    )
+    tiles = [
+        ("1  main view, long exposure", codes_picture(pair.left)),
+        ("2  auxiliary view, short exposure", codes_picture(pair.right)),
+        ("3  disparity of the main view", heat(result.stages["main_disparity"], high=truth.max_disparity)),
+        (
+            "4  disparity of the auxiliary view",
+            heat(result.stages["auxiliary_disparity"], high=truth.max_disparity),
+        ),
+        ("5  confidence", stages["confidence"]),
+        ("6  response -> radiance of the main view", main_only),
+        ("7  auxiliary radiance warped", warped),
+        ("8  matches that agree", stages["valid"]),
+        ("9  the rest borrowed from the background", borrowed),
+        ("10 S: out of range", stages["exposure_map"]),
+        ("11 where the radiance comes from", source_colours(result.source)),
+        ("12 result", fused),
+    ]
+    save("robust.jpg", contact_sheet(tiles), 1600)
+
+
 if __name__ == "__main__":
     IMAGES.mkdir(exist_ok=True)
     demo_figure()
     method_figure()
+    robust_figure()

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereohdr import DisparityFlag, HdrResult, fuse
-from stereohdr.config import FuseConfig, PaperConfig
+from stereohdr.config import FuseConfig, PaperConfig, RobustConfig
 from stereohdr.datasets.scene import EvaluationScene, channel_mask, visible_in_auxiliary
 from stereohdr.errors import ConfigError
 from stereohdr.methods import available_methods, get_method
@@ -54,6 +54,32 @@ class Variant:
         )
 
 
+def _robust_variants() -> dict[str, RobustConfig]:
+    """Return method ``robust`` with one step left out or replaced at a time."""
+    full = RobustConfig()
+    return {
+        "robust-survey-response": replace(full, response_rounds=1, toe=False),
+        "robust-no-toe": replace(full, toe=False),
+        "robust-one-run": replace(full, two_way=replace(full.two_way, runs=1)),
+        "robust-4-paths": replace(full, semiglobal=replace(full.semiglobal, paths=4)),
+        "robust-weak-penalties": replace(
+            full, semiglobal=replace(full.semiglobal, small_penalty=5, large_penalty=25)
+        ),
+        "robust-no-agreement": replace(
+            full, agreement=replace(full.agreement, codes=255.0, slack=10.0, borrowed_slack=10.0, support=0)
+        ),
+        "robust-no-borrowing": replace(
+            full, highlights=replace(full.highlights, borrowed_level_error=100.0, borrowed_gradient_error=100.0)
+        ),
+        "robust-no-prior": replace(full, highlights=replace(full.highlights, prior_correlation=100.0)),
+        "robust-no-colour": replace(full, highlights=replace(full.highlights, colour_error=100.0)),
+        "robust-matched-only": replace(full, shadows=replace(full.shadows, alone_share=0.0)),
+    }
+
+
+ROBUST_VARIANTS = _robust_variants()
+"""Ablations of method ``robust``: what each step brings."""
+
 VARIANTS = {
     variant.label: variant
     for variant in (
@@ -80,10 +106,13 @@ def contender_config(label: str) -> FuseConfig:
     """
     if label in VARIANTS:
         return VARIANTS[label].config()
+    if label in ROBUST_VARIANTS:
+        return ROBUST_VARIANTS[label]
     if label in CEILINGS:
         return FuseConfig()
     if label not in available_methods():
-        known = [*available_methods(), *(v for v in VARIANTS if v != "paper"), *CEILINGS]
+        variants = [v for v in (*VARIANTS, *ROBUST_VARIANTS) if v != "paper"]
+        known = [*available_methods(), *variants, *CEILINGS]
         raise ConfigError(f"unknown method {label!r}; known are {', '.join(known)}")
     return get_method(label).config_type()
 
@@ -112,7 +141,7 @@ def run_contender(scene: EvaluationScene, label: str, *, threads: int | None = N
         raise ConfigError(f"{label} needs the true disparity, and scene {scene.name} has none")
     return fuse(
         scene.pair,
-        "paper" if label in VARIANTS else label,
+        "paper" if label in VARIANTS else "robust" if label in ROBUST_VARIANTS else label,
         config,
         response=best_known_response(scene) if label in TRUE_RESPONSE else None,
         disparity=scene.disparity_auxiliary if label in NEEDS_TRUTH else None,

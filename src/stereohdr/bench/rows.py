@@ -229,6 +229,11 @@ def _seen_from_auxiliary(scene: EvaluationScene, mask: NDArray[np.bool_]) -> NDA
 def peak_mib() -> float | None:
     """Return the peak memory of this process so far in MiB; None where the system does not tell."""
     try:
+        status = Path("/proc/self/status").read_text(encoding="ascii", errors="replace")
+        return int(status.partition("VmHWM:")[2].split()[0]) / 2**10
+    except (OSError, IndexError, ValueError):  # not Linux, where `ru_maxrss` would hold the parent's memory, too
+        pass
+    try:
         import resource
     except ImportError:  # Windows
         return None

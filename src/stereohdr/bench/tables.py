@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from statistics import fmean
 
-from stereohdr.bench.contenders import VARIANTS
+from stereohdr.bench.contenders import ROBUST_VARIANTS, VARIANTS
 from stereohdr.bench.published import published_score
 from stereohdr.bench.rows import Row
 from stereohdr.bench.runner import markdown_table
@@ -15,6 +15,20 @@ TABLE1_METHODS = ("mv-only", "lin2009", "baetz2014", "paper")
 
 TABLE2_METHODS = tuple(VARIANTS)
 """The rows of the paper's Table 2."""
+
+ABLATION_METHODS = ("mv-only", "robust", *ROBUST_VARIANTS)
+"""Method ``robust``, and what each of its steps brings."""
+
+ABLATION_SCENES = (
+    "R1-half",
+    "R2-half",
+    "R3-half",
+    "R4",
+    *(f"{scene}-{setting}" for scene in ("Art", "Aloe", "Moebius") for setting in ("long-short", "short-dark")),
+    "room",
+    "street-night",
+)
+"""Scenes of that table."""
 
 PAPER_SCENES = ("Art", "Aloe", "Moebius", "Jumble")
 """Scenes of the paper's tables."""
@@ -26,6 +40,7 @@ QUALITY_METHODS = (
     "baetz2014",
     "sun2010",
     "paper",
+    "robust",
     "oracle",
     "C3",
     "C2",
@@ -38,9 +53,12 @@ def table_scenes(available: Sequence[str], table: str) -> list[str]:
 
     ``table1``: the paper's scenes at normal-long and short-long; ``table2``: at short-long; ``quality``: all. Of
     the paper's scenes its own inputs (full Middlebury sets) where they are, else pairs made by the simulator.
+    ``ablation``: `ABLATION_SCENES`.
     """
     if table == "quality":
         return list(available)
+    if table == "ablation":
+        return [name for name in ABLATION_SCENES if name in available]
     settings = ("normal-long", "short-long") if table == "table1" else ("short-long",)
     own = [f"{scene}-paper-{setting}" for setting in settings for scene in PAPER_SCENES]
     stand_ins = [f"{scene}-{setting}" for setting in settings for scene in PAPER_SCENES]
@@ -81,6 +99,35 @@ def quality_table(rows: Sequence[Row]) -> str:
                 _number(row.peak_mib, 0),
             ]
         )
+    return markdown_table(header, lines)
+
+
+def ablation_table(rows: Sequence[Row], full: str = "robust") -> str:
+    """Return, for each variant of a method, the mean change against it over the scenes that both have.
+
+    Columns: points of Q, dB of PU21-PSNR, stops in Sx where visible, percent of bad disparities, RMS error of the
+    response, seconds; positive is more. Methods without a disparity or response of their own have a dash.
+    """
+    by_pair = {(row.scene, row.method): row for row in rows if not row.error}
+    scenes = list(dict.fromkeys(row.scene for row in rows))
+    fields = ("q", "pu21_psnr", "log2_rmse_sx_visible", "bad2", "response_rmse", "seconds")
+    digits = (2, 2, 3, 1, 4, 2)
+    lines = []
+    for method in dict.fromkeys(row.method for row in rows):
+        pairs = [(by_pair.get((scene, full)), by_pair.get((scene, method))) for scene in scenes]
+        both = [(ours, other) for ours, other in pairs if ours and other]
+        cells = []
+        for field, places in zip(fields, digits, strict=True):
+            values = [(getattr(ours, field), getattr(other, field)) for ours, other in both]
+            known = [(a, b) for a, b in values if a is not None and b is not None]
+            scale = 100 if field == "bad2" else 1
+            if method == full:
+                cells.append(_number(scale * fmean(a for a, _ in known) if known else None, places))
+            else:
+                change = scale * fmean(b - a for a, b in known) if known else None
+                cells.append("-" if change is None else f"{change:+.{places}f}")
+        lines.append([method, *cells, str(len(both))])
+    header = ["method: mean, others: change", "Q", "PU21 dB", "Sx vis. stops", "bad2 %", "resp.", "s", "scenes"]
     return markdown_table(header, lines)
 
 
