@@ -72,8 +72,8 @@ class DisparityFlag(IntEnum):
     MATCHED = 1
     """Found by matching, or known from the scene."""
     OCCLUDED = 2
-    """Invisible in the other view. The value is that of the surface seen here where that is known, else that of the
-    background beside it."""
+    """Invisible in the other view. The value is that of the surface seen here where that is known, else that of
+    the background beside it."""
     MISMATCHED = 3
     """Matched, but the other view does not confirm it; the value is that of the background beside it."""
 

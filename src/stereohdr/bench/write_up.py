@@ -97,10 +97,10 @@ def results_page(
     sections = [
         "# Results",
         f"Made by `{command}` (stereohdr {__version__}); not edited by hand.",
-        "Methods other than `robust`, `paper`, `mv-only` and `oracle` are stand-ins: the originals' details are not "
-        "public. `C3` and `C2` are ceilings made from the reference: perfect stereo where the auxiliary view sees "
-        "the pixel, and everywhere. `MV Q` and `MV dB` are the main view alone with the same response. Scenes "
-        "`R...` are real pairs at two exposures, `<Scene>-<setting>` are made by the simulated camera.",
+        "Methods other than `robust`, `paper`, `mv-only` and `oracle` are stand-ins: the originals' details are "
+        "not public. `C3` and `C2` are ceilings made from the reference: perfect stereo where the auxiliary view "
+        "sees the pixel, and everywhere. `MV Q` and `MV dB` are the main view alone with the same response. "
+        "Scenes `R...` are real pairs at two exposures, `<Scene>-<setting>` are made by the simulated camera.",
         f"Protocol: {report}; reference scaled so that its 99th luminance percentile is 100 cd/m2; test aligned "
         "by the median ratio over well-exposed pixels; grey as luminance. The paper states no protocol, so its "
         "values cannot be compared with ours, rankings can.",
