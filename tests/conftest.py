@@ -87,3 +87,11 @@ def small_scene():
         response=camera.response_curve(3),
         kind="procedural",
     )
+
+
+@pytest.fixture(scope="session")
+def world():
+    """A textured world for rectification, made once."""
+    from stereo_rigs import World
+
+    return World()

@@ -526,7 +526,7 @@ class ShadowsConfig:
     """Radius of the windows in which the views are compared, pixels, 1 to 50."""
     noise_radius: int = 2
     """Radius of the windows in which the noise is measured, pixels, 1 to 50."""
-    clean_noise: float = 0.01
+    clean_noise: float = 0.02
     """Relative noise below which a pixel stays as it is; from twice this on it is cleaned fully. 1e-6 to 10."""
     level_error: float = 0.05
     """Relative error of the auxiliary view's level (vignetting, gloss, response), 0 to 10."""

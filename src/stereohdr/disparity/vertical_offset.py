@@ -109,7 +109,11 @@ def level_rows(image: NDArray[np.float32], offset: float) -> NDArray[np.float32]
 
 
 def _surroundings(
-    image: NDArray[np.float32], rows: NDArray[np.intp], columns: NDArray[np.intp], more_rows: int, more_columns: int
+    image: NDArray[np.float32],
+    rows: NDArray[np.intp],
+    columns: NDArray[np.intp],
+    more_rows: int,
+    more_columns: int,
 ) -> NDArray[np.float32]:
     """Return the patches around some pixels with more rows and columns on all sides, ``(N, height, width)``."""
     dy, dx = (np.arange(-PATCH_RADIUS - more, PATCH_RADIUS + more + 1) for more in (more_rows, more_columns))

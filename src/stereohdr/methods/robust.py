@@ -37,7 +37,7 @@ from stereohdr.survey import Survey, joint_counts, matched_samples, survey_pair
 from stereohdr.warping import warp_backward
 
 NEARER_BY = 5.0
-"""What the auxiliary view sees in front of a borrowed place is another surface if it is nearer by this many pixels:
+"""What the auxiliary view sees before a borrowed place is another surface if it is nearer by this many pixels:
 borrowed disparities are uncertain by a few."""
 
 LARGEST_OFFSET = 1.0
