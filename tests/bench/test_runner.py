@@ -92,7 +92,9 @@ def test_claims_are_counted_not_typed():
 def test_the_page_of_results_holds_all_tables():
     rows = [Row("Art-short-long", m, q=60.0, protocol="stereohdr; reference") for m in ("paper", "mv-only")]
     rows.append(Row("room", "opencv", error="is not installed"))
-    page = results_page(rows, rows[:1], "| curves |", ["Art-short-long", "room"], "stereohdr bench all")
+    steps = [Row("room", m, q=q, seconds=1.0) for m, q in (("robust", 60.0), ("robust-one-run", 58.5))]
+    page = results_page(rows, rows[:1], steps, "| curves |", ["Art-short-long", "room"], "stereohdr bench all")
     for word in ("# Results", "Table 1", "Table 2", "Figure 2", "| curves |", "room, opencv: is not installed"):
         assert word in page
     assert "Art-short-long paper" in page
+    assert "| -1.50 |" in next(line for line in page.splitlines() if line.startswith("| robust-one-run"))
