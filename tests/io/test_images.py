@@ -10,7 +10,7 @@ import pytest
 import tifffile
 from PIL import Image, ImageOps
 
-from stereohdr.errors import ExposureError, FileFormatError, InputError, StereoHdrWarning
+from stereohdr.errors import ExposureError, FileFormatError, InputError, OutputError, StereoHdrWarning
 from stereohdr.io import read_photo
 from stereohdr.io.images import LARGEST_PIXELS, write_png
 
@@ -443,7 +443,7 @@ def test_png_writer_is_atomic(tmp_path, monkeypatch):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(Image.Image, "save", fail)
-    with pytest.raises(FileFormatError, match="No space left"):
+    with pytest.raises(OutputError, match="No space left"):
         write_png(path, RGB8)
     assert path.read_bytes() == b"old"
     assert len(list(tmp_path.iterdir())) == 1
