@@ -12,6 +12,7 @@ from stereohdr.disparity.two_way import (
     confirmed_left_right,
     fill_disparity,
     given_match,
+    hidden,
     match_two_ways,
     partner_columns,
 )
@@ -93,6 +94,32 @@ def test_unmatched_pixels_take_the_farther_neighbour_of_their_row():
     np.testing.assert_array_equal(fill_disparity(nothing), 0)
 
 
+def test_what_lies_behind_something_nearer_is_hidden():
+    of_main = flagged([[0, 1, 1, 1, 2.6]], [[MATCHED, OCCLUDED, MISMATCHED, MATCHED, MATCHED]])
+    of_auxiliary = flagged([[4, 2.1, 9, 3, 0]], [[MATCHED, MATCHED, OCCLUDED, MATCHED, MATCHED]])
+    # Seen at x - d: column 0 (4), 0 (4), 1 (2.1), 2 (not matched), 1 (2.1).
+    np.testing.assert_array_equal(hidden(of_main, of_auxiliary, tolerance=1.0), [[True, True, True, False, False]])
+    np.testing.assert_array_equal(
+        hidden(of_main, of_auxiliary, tolerance=3.0), [[True, False, False, False, False]]
+    )
+
+
+class Answering:
+    """Stands for a `StripMatcher`, with a known answer for the whole image."""
+
+    def __init__(self, answer):
+        self.answer = answer
+
+    def rows_around(self, strip):
+        return strip
+
+    def cells(self, strip):
+        return 0
+
+    def match(self, strip, *views, scratch):
+        return self.answer
+
+
 def test_two_runs_by_hand(monkeypatch):
     """See the arrays as x of the main view going to x - d, and x of the auxiliary view to x + d.
 
@@ -111,7 +138,7 @@ def test_two_runs_by_hand(monkeypatch):
     first = (semiglobal_match([1, 1, 2, -1, 1, 1, 1], 40), semiglobal_match([4, 1, 1, 1, 1, 1, 1], 80))
     second = (semiglobal_match([1, 1, 2, 1.25, -5, 3, 2], 120), semiglobal_match([4, 1, 2, 1, 1, 1, 1], 360))
     answers = [first, (flipped(second[1]), flipped(second[0]))]
-    monkeypatch.setattr(two_way, "match_semiglobal", lambda *views, **settings: answers.pop(0))
+    monkeypatch.setattr(two_way, "StripMatcher", lambda *shape, **settings: Answering(answers.pop(0)))
     view = np.ones((1, 7), np.float32)
     main, auxiliary = match_two_ways(view, view, disparities=(0, 3))
 
@@ -133,7 +160,7 @@ def test_two_runs_by_hand(monkeypatch):
 
 def test_one_run_by_hand(monkeypatch):
     answer = (semiglobal_match([1, 1, 2, -1, 1, 1, 1], 40), semiglobal_match([4, 1, 1, 1, 1, 1, 1], 80))
-    monkeypatch.setattr(two_way, "match_semiglobal", lambda *views, **settings: answer)
+    monkeypatch.setattr(two_way, "StripMatcher", lambda *shape, **settings: Answering(answer))
     view = np.ones((1, 7), np.float32)
     config = TwoWayConfig(runs=1, one_run=0.5, usual_margin=120)
     main, auxiliary = match_two_ways(view, view, disparities=(0, 3), config=config)

@@ -5,13 +5,18 @@ import numpy as np
 NO_COST = -1
 """Where a cell has no partner."""
 
+FORBIDDEN = 10**6
+"""Cost of a disparity that is not in a pixel's band."""
 
-def match_semiglobal(main_planes, auxiliary_planes, guide_main, *, disparities, config):
+
+def match_semiglobal(main_planes, auxiliary_planes, guide_main, *, disparities, config, bands=None):
     """Of both views: disparity, cost, margin, matching cost; ``(H, W)`` each."""
     lowest, highest = disparities
     unequal = unequal_codes(main_planes, auxiliary_planes, lowest, highest - lowest + 1)
     inside = unequal != NO_COST
     cost = np.where(inside, box_mean(unequal), config.outside_cost)
+    tried = in_band(cost.shape, lowest, bands)
+    cost[~tried] = FORBIDDEN
     steps = [(0, 1), (0, -1), (1, 0), (-1, 0)]
     if config.paths == 8:
         steps += [(1, 1), (1, -1), (-1, 1), (-1, -1)]
@@ -22,11 +27,13 @@ def match_semiglobal(main_planes, auxiliary_planes, guide_main, *, disparities, 
     of_auxiliary = [[None] * width for _ in range(height)]
     for y in range(height):
         for x in range(width):
-            cells = [(y, x, k) for k in range(count)]
+            cells = [(y, x, k) for k in range(count) if tried[y, x, k]]
             of_main[y][x] = winner(cells, total, cost, inside, lowest)
             cells = [(y, x + lowest + k, k) for k in range(count) if 0 <= x + lowest + k < width]
             if cells:
-                of_auxiliary[y][x] = winner(cells, total, cost, inside, lowest)
+                cells = [cell for cell in cells if tried[cell]]
+                nothing = 65535, 65535, 0, config.outside_cost
+                of_auxiliary[y][x] = winner(cells, total, cost, inside, lowest) if cells else nothing
         seen = [x for x in range(width) if of_auxiliary[y][x]]
         for x in range(width):
             of_auxiliary[y][x] = of_auxiliary[y][min(max(x, seen[0]), seen[-1])]
@@ -35,6 +42,15 @@ def match_semiglobal(main_planes, auxiliary_planes, guide_main, *, disparities, 
         tuple(np.array(view, dtype=object)[..., i].astype(dtype) for i, dtype in enumerate(dtypes))
         for view in (of_main, of_auxiliary)
     )
+
+
+def in_band(shape, lowest, bands):
+    """Whether a pixel tries a disparity, ``(H, W, count)``."""
+    tried = np.ones(shape, dtype=bool)
+    for y, x, k in np.ndindex(shape if bands is not None else (0, 0, 0)):
+        first = bands.lowest[y // bands.block, x // bands.block] - lowest
+        tried[y, x, k] = first <= k < first + bands.count[y // bands.block, x // bands.block]
+    return tried
 
 
 def unequal_codes(main, auxiliary, lowest, count):
@@ -82,12 +98,14 @@ def follow_paths(cost, guide, dy, dx, config):
 
 def winner(cells, total, cost, inside, lowest):
     """Disparity, cost, margin, matching cost of the best of one pixel's cells (y, x, k), which rise in k."""
-    sums = [int(total[cell]) for cell in cells]
-    i = int(np.argmin(sums))
-    others = [s for j, s in enumerate(sums) if abs(j - i) >= 2]
-    disparity = np.float32(lowest + cells[i][2])
-    if 0 < i < len(cells) - 1 and all(inside[cell] for cell in cells[i - 1 : i + 2]):
-        before, best, after = sums[i - 1 : i + 2]
+    sums = {k: int(total[y, x, k]) for y, x, k in cells}
+    i, best = min(sums.items(), key=lambda item: item[1])
+    others = [s for k, s in sums.items() if abs(k - i) >= 2]
+    disparity = np.float32(lowest + i)
+    near = [cell for cell in cells if abs(cell[2] - i) <= 1]
+    if len(near) == 3 and all(inside[cell] for cell in near):
+        before, after = sums[i - 1], sums[i + 1]
         if max(before, after) > best:
             disparity += np.float32(before - after) / np.float32(2 * (max(before, after) - best))
-    return disparity, sums[i], min(others) - sums[i] if others else 65535, cost[cells[i]]
+    own = next(cell for cell in cells if cell[2] == i)
+    return disparity, best, min(others) - best if others else 65535, cost[own]

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,8 +14,9 @@ from scipy import ndimage
 from stereohdr.config import CensusConfig, SemiGlobalConfig, TwoWayConfig
 from stereohdr.disparity import _two_way_kernels as kernels
 from stereohdr.disparity.census import census_transform
-from stereohdr.disparity.semiglobal import SemiGlobalMatch, match_semiglobal
+from stereohdr.disparity.semiglobal import Bands, SemiGlobalMatch, Strip, StripMatcher
 from stereohdr.model import Disparity, DisparityFlag
+from stereohdr.strips import available_threads
 from stereohdr.warping import main_view_disparity
 
 GUIDE_SIGMA = 0.8
@@ -20,6 +24,9 @@ GUIDE_SIGMA = 0.8
 
 DARKEST_GUIDE = 1e-12
 """Luminance below it is raised to it before the logarithm."""
+
+CODE_RADIUS = 3
+"""Rows above and below that the code and the guide of a row depend on."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +47,36 @@ class ViewMatch:
     def mirrored(self) -> ViewMatch:
         """Return the match seen in a mirror."""
         return replace(self, disparity=self.disparity.mirrored(), confidence=self.confidence[:, ::-1].copy())
+
+
+class CodedView(NamedTuple):
+    """What is compared of a view, and what guides the paths."""
+
+    planes: NDArray[np.uint64]
+    """``(2, H, W)``, see `census_transform`."""
+    guide: NDArray[np.float32]
+    """``(H, W)``, smoothed log luminance."""
+
+
+CodeRows = Callable[[int, int], tuple[CodedView, CodedView]]
+"""Gives both views' rows from the first number to before the second."""
+
+
+def coded_rows(
+    luminance: NDArray[np.float32],
+    first: int,
+    stop: int,
+    *,
+    census: CensusConfig | None = None,
+    threads: int | None = None,
+) -> CodedView:
+    """Code the rows `first` to before `stop` of a view, ``(H, W)`` float32 of positive luminance."""
+    top, bottom = max(first - CODE_RADIUS, 0), min(stop + CODE_RADIUS, len(luminance))
+    part = luminance[top:bottom]
+    smooth = ndimage.gaussian_filter(part, GUIDE_SIGMA, mode="nearest")[first - top : stop - top]
+    guide = np.log(np.maximum(smooth, np.float32(DARKEST_GUIDE)))
+    planes = census_transform(part, config=census, threads=threads)
+    return CodedView(planes[:, first - top : stop - top], guide)
 
 
 def match_two_ways(
@@ -77,35 +114,113 @@ def match_two_ways(
         `fill_disparity`. Confidence is 1 where both runs are confirmed and agree, `TwoWayConfig.one_run` where
         one is confirmed, times how clearly the winner beats other depths; 0 where the value is borrowed.
     """
-    config = config or TwoWayConfig()
-    planes_m = census_transform(main, config=census, threads=threads)
-    planes_a = census_transform(auxiliary, config=census, threads=threads)
-    along_main = match_semiglobal(
-        planes_m, planes_a, _guide(main), disparities=disparities, config=semiglobal, threads=threads
-    )
-    confirmed = confirmed_left_right(*along_main, tolerance=config.tolerance)
-    if config.runs == 1:
-        nowhere = np.zeros(main.shape, dtype=bool)
-        view_m, view_a = (
-            _combined(own, own, found, nowhere, config) for own, found in zip(along_main, confirmed, strict=True)
-        )
-        return _flagged(view_m, view_a, sign=-1), _flagged(view_a, view_m, sign=1)
 
-    # In a mirror the views change places, and so the second run is guided by the auxiliary view. The order of the
-    # bits in a code does not matter, as long as it is the same in both views.
-    of_auxiliary, of_main = match_semiglobal(
-        planes_a[..., ::-1],
-        planes_m[..., ::-1],
-        _guide(auxiliary)[:, ::-1],
+    def code(first: int, stop: int) -> tuple[CodedView, CodedView]:
+        of_main, of_auxiliary = (
+            coded_rows(view, first, stop, census=census, threads=threads) for view in (main, auxiliary)
+        )
+        return of_main, of_auxiliary
+
+    return match_strips(
+        code,
+        main.shape,
+        [(0, len(main))],
         disparities=disparities,
-        config=semiglobal,
+        semiglobal=semiglobal,
+        config=config,
         threads=threads,
     )
-    along_auxiliary = (_flipped(of_main), _flipped(of_auxiliary))
-    also = confirmed_left_right(*along_auxiliary, tolerance=config.tolerance)
-    view_m = _combined(along_main[0], along_auxiliary[0], confirmed[0], also[0], config)
-    view_a = _combined(along_auxiliary[1], along_main[1], also[1], confirmed[1], config)
-    return _flagged(view_m, view_a, sign=-1), _flagged(view_a, view_m, sign=1)
+
+
+def match_strips(
+    code: CodeRows,
+    shape: tuple[int, int],
+    strips: Sequence[Strip],
+    *,
+    disparities: tuple[int, int],
+    bands: tuple[Bands, Bands] | None = None,
+    semiglobal: SemiGlobalConfig | None = None,
+    config: TwoWayConfig | None = None,
+    threads: int | None = None,
+) -> tuple[ViewMatch, ViewMatch]:
+    """Do what `match_two_ways` does strip by strip, with the same result.
+
+    Parameters
+    ----------
+    code
+        Called for the rows of every strip, with some around it; twice, if there is more than one.
+    shape
+        Rows and columns of the views.
+    strips
+        First row, an even number, and one past the last of each strip; from the first row to the last.
+    bands
+        Which of the disparities are tried in the blocks of the main view, and in those of the auxiliary view seen
+        in a mirror; all of them when None.
+    disparities, semiglobal, config, threads
+        See `match_two_ways`.
+    """
+    config = config or TwoWayConfig()
+    # In a mirror the views change places, and so the second run is guided by the auxiliary view.
+    runs = [
+        StripMatcher(shape, disparities=disparities, bands=own, config=semiglobal, threads=threads)
+        for own in (bands or (None, None))[: config.runs]
+    ]
+    for strip in strips[:0:-1]:
+        views = code(*runs[0].rows_around(strip))
+        with ThreadPoolExecutor(min(threads or available_threads(), config.runs)) as pool:
+            tasks = [pool.submit(run.prepare, strip, *_as_seen(views, n)) for n, run in enumerate(runs)]
+            for task in tasks:
+                task.result()
+
+    of_main, of_auxiliary = (
+        ViewMatch(Disparity(np.empty(shape, np.float32), np.empty(shape, np.uint8)), np.empty(shape, np.float32))
+        for _ in range(2)
+    )
+    scratch = np.empty(max(run.cells(strip) for run in runs for strip in strips), dtype=np.uint16)
+    for strip in strips:
+        views = code(*runs[0].rows_around(strip))
+        matches = [run.match(strip, *_as_seen(views, n), scratch=scratch) for n, run in enumerate(runs)]
+        _combine_runs(matches, config, _rows_of(of_main, strip), _rows_of(of_auxiliary, strip))
+    return _filled(of_main), _filled(of_auxiliary)
+
+
+def _as_seen(
+    views: tuple[CodedView, CodedView], run: int
+) -> tuple[NDArray[np.uint64], NDArray[np.uint64], NDArray[np.float32]]:
+    """Return the planes and the guide for a run, in a mirror for the second one.
+
+    The order of the bits in a code does not matter, as long as it is the same in both views.
+    """
+    main, auxiliary = views
+    if run == 0:
+        return main.planes, auxiliary.planes, main.guide
+    return auxiliary.planes[..., ::-1], main.planes[..., ::-1], auxiliary.guide[:, ::-1]
+
+
+def _rows_of(view: ViewMatch, strip: Strip) -> ViewMatch:
+    rows = slice(*strip)
+    return ViewMatch(Disparity(view.disparity.values[rows], view.disparity.flags[rows]), view.confidence[rows])
+
+
+def _combine_runs(
+    runs: Sequence[tuple[SemiGlobalMatch, SemiGlobalMatch]],
+    config: TwoWayConfig,
+    of_main: ViewMatch,
+    of_auxiliary: ViewMatch,
+) -> None:
+    """Write what one or two runs say of each view; what is not matched is not filled yet."""
+    along_main = runs[0]
+    confirmed = confirmed_left_right(*along_main, tolerance=config.tolerance)
+    if config.runs == 1:
+        along_auxiliary = along_main
+        also = np.zeros_like(confirmed[0]), np.zeros_like(confirmed[0])
+    else:
+        along_auxiliary = _flipped(runs[1][1]), _flipped(runs[1][0])
+        also = confirmed_left_right(*along_auxiliary, tolerance=config.tolerance)
+    main_found = _combine(along_main[0], along_auxiliary[0], confirmed[0], also[0], config, of_main)
+    auxiliary_found = _combine(along_auxiliary[1], along_main[1], also[1], confirmed[1], config, of_auxiliary)
+    kernels.mark(main_found, of_auxiliary.disparity.values, auxiliary_found, 1, of_main.disparity.flags)
+    kernels.mark(auxiliary_found, of_main.disparity.values, main_found, -1, of_auxiliary.disparity.flags)
 
 
 def given_match(of_auxiliary: Disparity) -> tuple[ViewMatch, ViewMatch]:
@@ -174,41 +289,26 @@ def fill_disparity(disparity: Disparity) -> NDArray[np.float32]:
     return filled
 
 
-def _guide(luminance: NDArray[np.float32]) -> NDArray[np.float32]:
-    smooth = ndimage.gaussian_filter(luminance, GUIDE_SIGMA, mode="nearest")
-    return np.log(np.maximum(smooth, np.float32(DARKEST_GUIDE)))
-
-
 def _flipped(match: SemiGlobalMatch) -> SemiGlobalMatch:
     return SemiGlobalMatch(
         match.disparity[:, ::-1], match.cost[:, ::-1], match.margin[:, ::-1], match.matching_cost[:, ::-1]
     )
 
 
-def _combined(
+def _combine(
     own: SemiGlobalMatch,
     other: SemiGlobalMatch,
     own_confirmed: NDArray[np.bool_],
     other_confirmed: NDArray[np.bool_],
     config: TwoWayConfig,
-) -> tuple[NDArray[np.float32], NDArray[np.bool_], NDArray[np.float32]]:
-    """Return values, where they are confirmed, and their confidence."""
-    views = [np.ascontiguousarray(run.disparity) for run in (own, other)]
-    margins = [np.ascontiguousarray(run.margin) for run in (own, other)]
+    view: ViewMatch,
+) -> NDArray[np.bool_]:
+    """Write values and confidence, and return where they are confirmed."""
+    runs = [np.ascontiguousarray(a) for a in (own.disparity, other.disparity, own.margin, other.margin)]
     settings = tuple(np.float32(value) for value in (config.tolerance, config.one_run, config.usual_margin))
-    values, confidence = np.empty_like(views[0]), np.empty_like(views[0])
-    kernels.combine(*views, *margins, own_confirmed, other_confirmed, settings, values, confidence)
-    return values, own_confirmed | other_confirmed, confidence
+    kernels.combine(*runs, own_confirmed, other_confirmed, settings, view.disparity.values, view.confidence)
+    return own_confirmed | other_confirmed
 
 
-def _flagged(
-    own: tuple[NDArray[np.float32], NDArray[np.bool_], NDArray[np.float32]],
-    other: tuple[NDArray[np.float32], NDArray[np.bool_], NDArray[np.float32]],
-    *,
-    sign: int,
-) -> ViewMatch:
-    values, confirmed, confidence = own
-    flags = np.empty(values.shape, dtype=np.uint8)
-    kernels.mark(confirmed, other[0], other[1], -sign, flags)
-    disparity = Disparity(values, flags)
-    return ViewMatch(replace(disparity, values=fill_disparity(disparity)), confidence)
+def _filled(view: ViewMatch) -> ViewMatch:
+    return replace(view, disparity=replace(view.disparity, values=fill_disparity(view.disparity)))
