@@ -17,6 +17,10 @@ class ConfigError(InputError):
     """A configuration value is unknown, of the wrong type, or out of range."""
 
 
+class MemoryLimitError(InputError):
+    """The photos need more memory than they may take; the message says how much."""
+
+
 class FileFormatError(InputError):
     """A file cannot be read, or not be written in the format that its name asks for."""
 
