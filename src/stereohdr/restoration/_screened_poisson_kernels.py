@@ -444,45 +444,35 @@ def prolong_rows(level, coarse, y):
 # The multigrid cycle
 
 
-@inner
-def descend(level, coarse):
-    """Smooth from 0 and restrict, a few rows behind."""
-    clear(level.scratch, START, SCRATCH_ROWS * (level.stride + 3 * LANES))
-    begin = 1 if level.slanted else 2  # without slanted couplings the first two colours are done by `start_row`
-    for y in range(1, level.rows + 5, 2):
-        if y <= level.rows:
-            start_row(level, y)
-            start_row(level, y + 1)
-        relax_rows(level, y, begin)
-        if y > 4:
-            restrict_row(level, coarse, y - 4, level.slanted or level.bounded)
-    if level.bounded:
-        restrict_bounds(level, coarse)
-
-
-@inner
-def ascend(level, coarse):
-    """Add the coarse solution and smooth backwards, a few rows behind."""
-    clear(level.scratch, START, SCRATCH_ROWS * (level.stride + 3 * LANES))
-    for y in range(0, level.rows + 4, 2):
-        if y <= level.rows:
-            prolong_rows(level, coarse, y)
-        relax_rows(level, y, START)
-
-
 @kernel
 def cycle(grids, bounded):
     """Write an approximate solution of the finest grid into its `solution`: one V-cycle from 0.
 
     Without bounds this is a symmetric positive definite matrix times the right-hand side, and the inner product of
-    the two is returned. With bounds, no step on any grid raises the energy.
+    the two is returned. With bounds, every step on every grid keeps them.
     """
     coarsest = grids.table.shape[0] - 1
-    for number in range(coarsest):
-        descend(level_of(grids, number, bounded, NO), level_of(grids, number + 1, bounded, NO))
+    for number in range(coarsest):  # smooth from 0 and restrict, a few rows behind
+        level, coarse = level_of(grids, number, bounded, NO), level_of(grids, number + 1, bounded, NO)
+        clear(level.scratch, START, SCRATCH_ROWS * (level.stride + 3 * LANES))
+        begin = 1 if level.slanted else 2  # else `start_row` has done the second colour, too
+        for y in range(1, level.rows + 5, 2):
+            if y <= level.rows:
+                start_row(level, y)
+                start_row(level, y + 1)
+            relax_rows(level, y, begin)
+            if y > 4:
+                restrict_row(level, coarse, y - 4, level.slanted or level.bounded)
+        if level.bounded:
+            restrict_bounds(level, coarse)
     start_row(level_of(grids, coarsest, bounded, NO), TOP)  # a single pixel
-    for number in range(coarsest - 1, -1, -1):
-        ascend(level_of(grids, number, bounded, NO), level_of(grids, number + 1, bounded, NO))
+    for number in range(coarsest - 1, -1, -1):  # prolong and smooth backwards, a few rows behind
+        level, coarse = level_of(grids, number, bounded, NO), level_of(grids, number + 1, bounded, NO)
+        clear(level.scratch, START, SCRATCH_ROWS * (level.stride + 3 * LANES))
+        for y in range(0, level.rows + 4, 2):
+            if y <= level.rows:
+                prolong_rows(level, coarse, y)
+            relax_rows(level, y, START)
     level = level_of(grids, FINEST, bounded, NO)
     product = 0.0
     for y in range(1, level.rows + 1):
@@ -823,6 +813,30 @@ def put(level, out, i, low, high):
     store(out, i + level.stride, odd_lanes(low, high))
 
 
+@inner
+def anchored_by_columns(level):
+    """Return whether every free pixel has, above or below it in its column, one that has a screen; uses `edge`."""
+    zero, one = splat(np.float32(0)), splat(np.float32(1))
+    row = 2 * level.stride
+    found = level.edge
+    missing = zero
+    for y in range(1, level.rows + 1):
+        for half in range(2):
+            at = row_start(level, y, half)
+            for i in range(at, at + level.columns, LANES):
+                above = load(level.down, i - row) * load(found, i - row)
+                store(found, i, where_positive(load(level.screen, i) + above, one, zero))
+    for y in range(level.rows, 0, -1):
+        for half in range(2):
+            at = row_start(level, y, half)
+            for i in range(at, at + level.columns, LANES):
+                below = load(level.down, i) * load(found, i + row)
+                anchored = where_positive(load(found, i) + below, one, zero)
+                store(found, i, anchored)
+                missing = larger(missing, where_positive(load(level.inverse, i), one - anchored, zero))
+    return largest(missing) == 0
+
+
 @kernel
 def drop_undetermined(grids, parent):
     """Make pixels unfree whose part of the domain has no screen anywhere; return how many.
@@ -831,6 +845,8 @@ def drop_undetermined(grids, parent):
     for their part; element 0 stands for all parts that have a screen.
     """
     level = level_of(grids, FINEST, NO, NO)
+    if anchored_by_columns(level):
+        return 0
     row = 2 * level.stride
     parent[0] = 0
     for y in range(1, level.rows + 1):
@@ -853,7 +869,7 @@ def drop_undetermined(grids, parent):
         for half in range(2):
             at = row_start(level, y, half)
             for i in range(at, at + level.columns):
-                if level.inverse[i] > 0 and parent[i] > 0 and join(parent, parent[i], parent[i]) > 0:
+                if level.inverse[i] > 0 and join(parent, parent[i], parent[i]) > 0:
                     level.inverse[i] = 0
                     level.right[i] = 0
                     level.down[i] = 0
@@ -896,19 +912,27 @@ def rise_of_energy(level, values, factor):
 
 
 @kernel
-def take_solution(grids):
-    """Add the solution of a cycle that heeded the bounds to `correction`; the equations become those of the rest.
+def sweep(grids):
+    """Write into the solution what two Gauss-Seidel sweeps that heed the bounds make of 0, on the finest grid."""
+    level = level_of(grids, FINEST, YES, NO)
+    list_blocks(level, grids.table[0, 5], NO)
+    for y in range(1, level.rows + 1):
+        start_row(level, y)
+    for begin in range(1, 3):
+        for y in range(begin, level.rows + 4, 2):
+            relax_rows(level, y, START)
 
-    Where weights of the interpolation are negative such a cycle may raise the energy. It is then replaced by a
-    sweep over the finest grid alone, which cannot.
+
+@kernel
+def take_solution(grids):
+    """Add the solution to `correction`; the equations and bounds become those of the rest.
+
+    If the solution would raise the energy nothing is changed; return whether it was taken.
     """
     level = level_of(grids, FINEST, YES, NO)
     correction = pointer(grids.correction, START)
     if rise_of_energy(level, level.solution, np.float32(0)) > 0:
-        for y in range(1, level.rows + 1):
-            start_row(level, y)
-        for y in range(1, level.rows + 4, 2):
-            relax_rows(level, y, START)
+        return False
     for y in range(1, level.rows + 1):
         for half in range(2):
             at = row_start(level, y, half)
@@ -918,6 +942,7 @@ def take_solution(grids):
                 accumulate(correction, i, value)
                 store(level.lower, i, load(level.lower, i) - value)
                 store(level.rhs, i, load(level.rhs, i) - multiply(level, half, i, level.solution))
+    return True
 
 
 @kernel

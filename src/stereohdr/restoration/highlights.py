@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import reduce
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from stereohdr.config import HighlightsConfig
+from stereohdr.restoration import _highlights_kernels as kernels
+from stereohdr.restoration._highlights_kernels import Terms, Views, Weights
 from stereohdr.restoration.screened_poisson import solve_screened_poisson
+from stereohdr.strips import run_strips
 
 DISTANCE_CLASSES = (2.5, 5.5, 12.5, 25.5)
 """Distances from the rim of a clipped area, pixels, that separate the classes of the prior."""
@@ -24,6 +27,8 @@ LEAST_SPREAD = 0.1
 """Standard deviation of the prior, ln units, at least; what is used where nothing was seen is `UNSEEN_SPREAD`."""
 
 UNSEEN_SPREAD = 0.5
+
+STRIP_ROWS = 64
 
 SMALLEST_RISE = 1e-3
 """What would come out less than this (ln) above its clip value keeps it: the solver is not more accurate, and what
@@ -88,104 +93,102 @@ def restore_highlights(
     ``(H, W, C)`` float32. Source: our own; the gradient terms are those of Perez et al. 2003 in log radiance.
     """
     config = config or HighlightsConfig()
-    log_main = np.log(main)
-    log_measured, log_borrowed = (
-        np.log(np.maximum(e.radiance, np.float32(DARKEST))) for e in (measured, borrowed)
-    )
     result = main.copy()
+    if not clipped.any():
+        return result
+    window = _neighbourhood(clipped)
+    near = [Evidence(evidence.radiance[window], evidence.usable[window]) for evidence in (measured, borrowed)]
+    views = _log_views(main[window], clipped[window], *near)
     for c in range(main.shape[2]):
-        domain = clipped[..., c]
-        if not domain.any():
-            continue
-        first = measured.usable[..., c]
-        second = borrowed.usable[..., c] & ~first
-        prior, spread = _prior(log_measured[..., c] - log_main[..., c], clipped, first, c)
-        auxiliary = np.where(first, log_measured[..., c], log_borrowed[..., c])
-        data = np.where(first | second, auxiliary, log_main[..., c] + prior)
-        error = np.where(first, config.level_error, config.borrowed_level_error)
-        error = np.where(first | second, error, spread * np.sqrt(config.prior_correlation))
-        gradients = [_gradient(axis, auxiliary, first, second, log_main, clipped, c, config) for axis in (1, 0)]
-        u = solve_screened_poisson(
-            domain,
-            log_main[..., c],
-            data=data.astype(np.float32),
-            data_weight=(1 / error**2).astype(np.float32),
-            gradient_x=gradients[0][0],
-            gradient_y=gradients[1][0],
-            weight_x=gradients[0][1],
-            weight_y=gradients[1][1],
-            lower=log_main[..., c],
-            threads=threads,
-        )
-        risen = domain & (u > log_main[..., c] + np.float32(SMALLEST_RISE))
-        result[..., c] = np.where(risen, np.exp(u), main[..., c])
+        domain, log_main = views.clipped[..., c], views.main[..., c]
+        if domain.any():
+            terms = _terms(views, c, config, threads)
+            u = solve_screened_poisson(
+                domain,
+                log_main,
+                data=terms.data,
+                data_weight=terms.data_weight,
+                gradient_x=terms.gradient[0],
+                gradient_y=terms.gradient[1],
+                weight_x=terms.gradient_weight[0],
+                weight_y=terms.gradient_weight[1],
+                lower=log_main,
+                threads=threads,
+            )
+            risen = domain & (u > log_main + np.float32(SMALLEST_RISE))
+            result[window][..., c][risen] = np.exp(u[risen])
     return result
 
 
-def _prior(
-    excess: NDArray[np.float32], clipped: NDArray[np.bool_], seen: NDArray[np.bool_], channel: int
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Return how far (ln) clipped pixels of each pixel's class exceed the clip value: mean and standard deviation.
+def _neighbourhood(clipped: NDArray[np.bool_]) -> tuple[slice, slice]:
+    """Return the rows and columns that hold all clipped pixels and their neighbours."""
+    anywhere = reduce(np.logical_or, np.moveaxis(clipped, 2, 0))  # faster than any() over the channels
+    spans = []
+    for axis in (0, 1):
+        touched = np.flatnonzero(anywhere.any(axis=1 - axis))
+        spans.append(slice(max(int(touched[0]) - 1, 0), int(touched[-1]) + 2))
+    return spans[0], spans[1]
 
-    Classes: number of clipped channels, and distance from the rim of the clipped area.
-    """
-    domain = clipped[..., channel]
-    distance = np.digitize(np.asarray(ndimage.distance_transform_edt(domain)), DISTANCE_CLASSES)
-    classes = (clipped.sum(axis=2) * (len(DISTANCE_CLASSES) + 1) + distance)[domain]
-    values, known = excess[domain].astype(np.float64), seen[domain]
+
+def _log_views(
+    main: NDArray[np.float32], clipped: NDArray[np.bool_], measured: Evidence, borrowed: Evidence
+) -> Views:
+    source = np.where(borrowed.usable, np.uint8(kernels.BORROWED), np.uint8(kernels.NOTHING))
+    source[measured.usable] = kernels.MEASURED
+    auxiliary = np.where(measured.usable, measured.radiance, borrowed.radiance)
+    log_auxiliary = np.log(np.maximum(auxiliary, np.float32(DARKEST)))
+    return Views(np.log(main), np.ascontiguousarray(clipped), log_auxiliary, source)
+
+
+def _terms(views: Views, channel: int, config: HighlightsConfig, threads: int | None) -> Terms:
+    """Return what is wanted of the pixels of a channel, and how much."""
+    classes = _classes(views.clipped, channel)
+    shape = classes.shape
+    prior, spread = _prior(views, channel, classes)
+    prior_weight = (1 / (config.prior_correlation * spread**2)).astype(np.float32)
+    weights = Weights(
+        level=_weight(config.level_error),
+        borrowed_level=_weight(config.borrowed_level_error),
+        gradient=_weight(config.gradient_error),
+        borrowed_gradient=_weight(config.borrowed_gradient_error),
+        colour=_weight(config.colour_error),
+        smoothness=_weight(config.smoothness_error),
+    )
+    terms = Terms(*(np.empty(size, np.float32) for size in (shape, shape, (2, *shape), (2, *shape))))
+
+    def task(start: int, stop: int) -> None:
+        kernels.fill_terms(views, channel, classes, prior, prior_weight, weights, start, stop, terms)
+
+    run_strips(task, len(classes), strip_rows=STRIP_ROWS, threads=threads)
+    return terms
+
+
+def _weight(error: float) -> np.float32:
+    return np.float32(1 / error**2)
+
+
+def _classes(clipped: NDArray[np.bool_], channel: int) -> NDArray[np.uint8]:
+    """Return the class of each clipped pixel: by the number of clipped channels, and its distance from the rim."""
+    rows, classes = np.empty(clipped.shape[:2], np.uint8), np.empty(clipped.shape[:2], np.uint8)
+    limits = np.floor(np.square(DISTANCE_CLASSES)).astype(np.int64)
+    kernels.fill_classes(clipped, channel, limits, rows, classes)
+    return classes
+
+
+def _prior(
+    views: Views, channel: int, classes: NDArray[np.uint8]
+) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
+    """Return how far (ln) clipped pixels of each class exceed the clip value: mean and standard deviation."""
+    sums = np.zeros(((views.clipped.shape[2] + 1) * (len(DISTANCE_CLASSES) + 1), 3))
+    kernels.sum_excess(views, channel, classes, sums)
+    count, total, squares = sums.T
     mean, spread = 0.0, UNSEEN_SPREAD
-    if known.sum() >= FEWEST_PIXELS:
-        mean, spread = float(values[known].mean()), float(values[known].std())
-    size = int(classes.max()) + 1
-    count = np.bincount(classes[known], minlength=size).astype(np.float64)
-    total = np.bincount(classes[known], weights=values[known], minlength=size)
-    squares = np.bincount(classes[known], weights=values[known] ** 2, minlength=size)
+    if count.sum() >= FEWEST_PIXELS:
+        mean = total.sum() / count.sum()
+        spread = np.sqrt(max(squares.sum() / count.sum() - mean**2, 0.0))
     share = count / (count + PRIOR_PIXELS)
     class_mean = total / np.maximum(count, 1)
     class_variance = np.maximum(squares / np.maximum(count, 1) - class_mean**2, 0)
     means = share * class_mean + (1 - share) * mean
-    spreads = np.maximum(np.sqrt(share * class_variance + (1 - share) * spread**2), LEAST_SPREAD)
-    prior, error = np.zeros(domain.shape, np.float32), np.full(domain.shape, UNSEEN_SPREAD, np.float32)
-    prior[domain], error[domain] = means[classes], spreads[classes]
-    return prior, error
-
-
-def _gradient(
-    axis: int,
-    auxiliary: NDArray[np.float32],
-    first: NDArray[np.bool_],
-    second: NDArray[np.bool_],
-    log_main: NDArray[np.float32],
-    clipped: NDArray[np.bool_],
-    channel: int,
-    config: HighlightsConfig,
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Return the wanted difference to the next pixel along `axis`, and its weight."""
-    both_first = first & _next(first, axis)
-    any_evidence = first | second
-    both = any_evidence & _next(any_evidence, axis)
-    total = np.zeros(first.shape, np.float32)
-    count = np.zeros(first.shape, np.float32)
-    for other in range(log_main.shape[2]):
-        if other != channel:
-            free = ~clipped[..., other]
-            free &= _next(free, axis)
-            total += np.where(free, _difference(log_main[..., other], axis), np.float32(0))
-            count += free
-    coloured = count > 0
-    wanted = np.where(both, _difference(auxiliary, axis), total / np.maximum(count, 1))
-    error = np.where(coloured, config.colour_error, config.smoothness_error)
-    error = np.where(both, config.borrowed_gradient_error, error)
-    error = np.where(both_first, config.gradient_error, error)
-    return wanted.astype(np.float32), (1 / error**2).astype(np.float32)
-
-
-def _next(array: NDArray, axis: int) -> NDArray:
-    """Return each pixel's next neighbour along `axis`; the last one meets itself."""
-    last = array[:, -1:] if axis == 1 else array[-1:]
-    rest = array[:, 1:] if axis == 1 else array[1:]
-    return np.concatenate([rest, last], axis=axis)
-
-
-def _difference(array: NDArray[np.float32], axis: int) -> NDArray[np.float32]:
-    return _next(array, axis) - array
+    spreads = np.sqrt(share * class_variance + (1 - share) * spread**2)
+    return means.astype(np.float32), np.maximum(spreads, LEAST_SPREAD)

@@ -21,6 +21,9 @@ MOST_ITERATIONS = 1000
 MOST_ROUNDS = 100
 """Of finding the pixels at their bound and solving for the others; two to four are usual."""
 
+MARGIN = 4 * LANES
+"""Zeros after each array, for vectors that reach beyond it."""
+
 ENOUGH = 0.2
 """Of the tolerance: how far pixels may be below their bound, or be pulled up from it."""
 
@@ -114,15 +117,13 @@ def _check(
 ) -> None:
     """Refuse weights and bounds that make no sense where they count."""
     _, data_weight, _, _, weight_x, weight_y = images
-    beside = domain[:, :-1] | domain[:, 1:]
-    below = domain[:-1] | domain[1:]
     for name, weights, counts in (
-        ("data_weight", data_weight, domain),
-        ("weight_x", weight_x[:, :-1], beside),
-        ("weight_y", weight_y[:-1], below),
+        ("data_weight", data_weight, lambda: domain),
+        ("weight_x", weight_x[:, :-1], lambda: domain[:, :-1] | domain[:, 1:]),
+        ("weight_y", weight_y[:-1], lambda: domain[:-1] | domain[1:]),
     ):
         if weights.size and not (weights.min() >= 0 and weights.max() < np.inf):
-            wrong = counts & ~((weights >= 0) & (weights < np.inf))
+            wrong = counts() & ~((weights >= 0) & (weights < np.inf))
             if wrong.any():
                 raise InputError(f"{name} holds {weights[wrong][0]}; weights must be finite and not negative.")
     for bound in bounds:
@@ -176,13 +177,13 @@ def _solve_freely(
 ) -> None:
     """Improve an image until it is the best, without regard to bounds.
 
-    Where little anchors much, rounding errors of the residual move it; so it is taken anew from the image until
-    that changes no more.
+    Where little anchors much, rounding errors of the residual move it. So it is taken anew from the image, until
+    this moves nothing further than what was left to do.
     """
-    for _ in range(MOST_ROUNDS):
-        iterations = _conjugate_gradients(grids, tolerance)
+    for number in range(MOST_ROUNDS):
+        moved = _conjugate_gradients(grids, tolerance if number > 0 else 4 * tolerance)
         _add(image, grids.step, grids)
-        if iterations <= 1:
+        if moved <= (8 * tolerance if number > 0 else 0):
             return
         _assemble(grids, free, image, images, bounds, threads)
     _warn("rounding")
@@ -208,12 +209,16 @@ def _heed_bounds(
         _assemble(grids, free, image, images, bounds, threads)
         if number > 1 and max(deficit, kernels.largest_pull(grids)) < ENOUGH * tolerance:
             return
-        if not first:  # the first time these are the grids that were used without bounds
-            kernels.coarsen(grids)
         grids.correction[:] = 0
-        for _ in range(5 if first else 1):
-            kernels.cycle(grids, True)
-            kernels.take_solution(grids)
+        if number % 4 == 0:  # in between, the pixels at their bound change little
+            if not first:
+                kernels.coarsen(grids)
+            for _ in range(5 if first else 1):
+                kernels.cycle(grids, True)
+                if not kernels.take_solution(grids):
+                    _sweep(grids)
+        else:
+            _sweep(grids)
         kernels.hold_bounded(grids)
         kernels.coarsen(grids)
         _conjugate_gradients(grids, 10 * tolerance if first else tolerance)
@@ -223,26 +228,35 @@ def _heed_bounds(
     _warn("the bounds")
 
 
-def _conjugate_gradients(grids: kernels.Grids, tolerance: float) -> int:
-    """Write the solution into `grids.step`; the right-hand side becomes the residual. Return the iterations."""
+def _sweep(grids: kernels.Grids) -> None:
+    """Improve `grids.correction` on the finest grid alone, which never fails to."""
+    kernels.sweep(grids)
+    kernels.take_solution(grids)
+
+
+def _conjugate_gradients(grids: kernels.Grids, tolerance: float) -> float:
+    """Write the solution into `grids.step`; the right-hand side becomes the residual.
+
+    Returns how far a pixel can have moved.
+    """
     grids.step[:] = grids.direction[:] = 0
-    before, rate = np.inf, 0.5
-    last_change = 0.0
+    before = np.inf
+    moved = last_change = 0.0
     for iteration in range(MOST_ITERATIONS):
         product = kernels.cycle(grids, False)
         if product <= 0:  # only the residual 0, or one as small as rounding errors
-            return iteration
+            return moved
         change = kernels.conjugate_step(grids, product, product / before)
         if not np.isfinite(change):
             raise InputError("Data, gradient or fixed values are not finite where their weight is not 0.")
+        moved += change
         # The changes shrink about geometrically; what is left is estimated by their sum to infinity.
-        if iteration > 0:
-            rate = min(max(change / last_change, 0.3), 0.9)
+        rate = min(max(change / last_change, 0.3), 0.9) if iteration > 0 else 0.5
         if max(change, 0.5 * last_change) * rate / (1 - rate) < tolerance:
-            return iteration + 1
+            return moved
         before, last_change = product, change
     _warn("conjugate gradients")
-    return MOST_ITERATIONS
+    return moved
 
 
 def _warn(what: str) -> None:
@@ -313,29 +327,30 @@ def _allocate(height: int, width: int, *, bounded: bool) -> kernels.Grids:
             break
         height, width = (height + 1) // 2, columns
     finest = table[1][3] if len(table) > 1 else start
+    sizes = {
+        "solution": start,
+        "rhs": start,
+        "inverse": start,
+        "screen": start,
+        "right": start,
+        "down": start,
+        "edge": start,
+        "right_down": start - finest,
+        "left_down": start - finest,
+        "lower": start if bounded else 0,
+        "correction": finest if bounded else 0,
+        "step": finest,
+        "direction": finest,
+        "scratch": kernels.SCRATCH_ROWS * (table[0][2] + 3 * LANES),
+    }
+    # One array, for which the system may use huge pages; each part begins where a vector does.
+    ends = np.cumsum([size + MARGIN for size in sizes.values()])
+    flat = np.zeros(ends[-1] + LANES, dtype=np.float32)
+    flat = flat[-flat.ctypes.data // 4 % LANES :]
+    parts = {name: flat[end - MARGIN - size : end] for (name, size), end in zip(sizes.items(), ends, strict=True)}
     return kernels.Grids(
         table=np.array(table, dtype=np.int64),
-        solution=_zeros(start),
-        rhs=_zeros(start),
-        inverse=_zeros(start),
-        screen=_zeros(start),
-        right=_zeros(start),
-        down=_zeros(start),
-        edge=_zeros(start),
-        right_down=_zeros(start - finest),
-        left_down=_zeros(start - finest),
-        lower=_zeros(start if bounded else 0),
-        correction=_zeros(finest if bounded else 0),
-        step=_zeros(finest),
-        direction=_zeros(finest),
-        scratch=_zeros(kernels.SCRATCH_ROWS * (table[0][2] + 3 * LANES)),
         first=np.zeros(first, dtype=np.int32),
         blocks=np.zeros(blocks, dtype=np.int32),
+        **parts,
     )
-
-
-def _zeros(size: int) -> NDArray[np.float32]:
-    """Return so many zeros and a few more, that begin at the beginning of a vector."""
-    values = np.zeros(size + 5 * LANES, dtype=np.float32)
-    offset = -values.ctypes.data // 4 % LANES
-    return values[offset : offset + size + 4 * LANES]

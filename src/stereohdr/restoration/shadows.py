@@ -174,10 +174,15 @@ def noise_curve(
     levels, variances = [], []
     for inside in map(slice, first, last):
         if len(level[inside]) >= FEWEST_WINDOWS:
-            smooth = texture[inside] <= np.median(texture[inside])
-            levels.append(np.median(level[inside]))
-            variances.append(np.median(noise[inside][smooth]))
+            smooth = texture[inside] <= _median(np.sort(texture[inside]))
+            levels.append(_median(level[inside]))
+            variances.append(_median(np.sort(noise[inside][smooth])))
     return np.array(levels), np.log(np.maximum(variances, SMALLEST_SQUARE))
+
+
+def _median(rising: NDArray[np.float64]) -> float:
+    """Return the median of sorted numbers; NumPy's takes several times as long for so few."""
+    return 0.5 * (rising[(len(rising) - 1) // 2] + rising[len(rising) // 2])
 
 
 def _views(main: NDArray[np.float32], auxiliary: NDArray[np.float32], usable: NDArray[np.bool_]) -> Views:
