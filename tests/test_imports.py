@@ -5,7 +5,7 @@ import pytest
 
 import stereohdr
 
-HEAVY = ("numba", "scipy", "OpenEXR", "skimage", "PIL", "tifffile", "cv2", "matplotlib")
+HEAVY = ("numba", "scipy", "OpenEXR", "skimage", "PIL", "tifffile", "cv2", "matplotlib", "rich")
 
 
 @pytest.mark.parametrize(

@@ -65,22 +65,26 @@ def warm_up(*, progress: Progress | None = None) -> WarmUp:
     StereoHdrError
         There is no folder to keep compiled kernels in.
     """
+    import stereohdr.disparity  # noqa: F401 - any module with kernels tells whether they can be kept
+
+    if not kernel_folders():
+        raise StereoHdrError(
+            "no folder can be written to keep compiled kernels in; set NUMBA_CACHE_DIR to one that can"
+        )
     start = time.perf_counter()
     say = progress or (lambda words: None)
     say("compiling, in two processes")
-    second = start_process("highlights", "paper")
     counter = _Counter()
-    with install_listener("numba:compile", counter):
-        compile_part("matching")
-        if not kernel_folders():
-            second.terminate()
-            raise StereoHdrError(
-                "no folder can be written to keep compiled kernels in; set NUMBA_CACHE_DIR to one that can"
-            )
-        compile_part("shadows")
+    with start_process("highlights", "paper") as second, install_listener("numba:compile", counter):
+        try:
+            compile_part("matching")
+            compile_part("shadows")
+        except BaseException:
+            second.kill()
+            raise
         compiled = second.communicate()[0]
         say("checking")
-        for part in ("robust", "paper"):  # compiles what a process that failed has left
+        for part in ("robust", "paper"):  # compiles what no part has covered, and what a process that failed left
             compile_part(part)
     return WarmUp(
         compiled=counter.kernels + int(compiled or 0),
@@ -91,7 +95,7 @@ def warm_up(*, progress: Progress | None = None) -> WarmUp:
 
 def start_process(*parts: str) -> subprocess.Popen[str]:
     """Start to compile parts in another process, which prints the number of kernels that it compiled."""
-    command = [sys.executable, "-m", "stereohdr.warmup", *parts]
+    command = [sys.executable, "-P", "-m", "stereohdr.warmup", *parts]
     return subprocess.Popen(
         command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
     )
