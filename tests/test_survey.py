@@ -10,7 +10,7 @@ from scipy import ndimage
 from stereohdr import Disparity, DisparityFlag, Photo, ResponseCurve, StereoPair, survey
 from stereohdr.config import ParametricResponseConfig, SurveyConfig
 from stereohdr.simulation import Camera, expose_pair
-from stereohdr.survey import matched_samples, reduced_codes, survey_pair
+from stereohdr.survey import joint_counts, matched_samples, reduced_codes, survey_pair
 
 
 def wall_pair(
@@ -191,6 +191,28 @@ def test_the_vertical_offset_is_measured_where_the_views_match():
     left[:45, :80] = other.left.codes[:45, :80]
     found = survey_pair(StereoPair(Photo(left, 0.6), pair.right), config=SurveyConfig(width=80))
     assert found.vertical_offset == pytest.approx(1, abs=0.1)
+
+
+def test_joint_counts_by_hand():
+    main = np.array([[[9, 1], [8, 2], [7, 3], [7, 4]]], np.uint8)
+    auxiliary = np.array([[[90, 10], [80, 20], [70, 30], [60, 40]]], np.uint8)
+    disparity = np.float32([[0.4, 1.2, 1.0, -0.4]])
+    everywhere = np.ones((1, 4), bool)
+    counts = joint_counts(main, auxiliary, disparity, everywhere, everywhere)
+    # x - d: -0.4 and -0.2 are outside; 1 and, rounded from 3.4, outside again.
+    assert counts.shape == (2, 256, 256)
+    assert counts[0, 7, 80] == counts[1, 3, 20] == 1
+    assert counts.sum() == 2
+    counts = joint_counts(
+        main, auxiliary, np.zeros_like(disparity), everywhere, np.array([[True, False, True, True]])
+    )
+    assert counts[0, 7, 70] == counts[0, 7, 60] == counts[0, 9, 90] == 1
+    assert counts.sum() == 6
+    counts = joint_counts(
+        main, auxiliary, np.zeros_like(disparity), np.array([[False, False, True, False]]), everywhere
+    )
+    assert counts[1, 3, 30] == 1
+    assert counts.sum() == 2
 
 
 def test_matched_samples_by_hand():

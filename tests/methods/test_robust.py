@@ -434,6 +434,21 @@ def test_the_toe_is_that_of_the_shorter_exposure(monkeypatch, pairs, times):
     assert (shorter <= longer).mean() > 0.95
 
 
+def test_nothing_is_borrowed_where_something_nearer_is_seen(monkeypatch, pairs):
+    from stereohdr.methods import robust
+
+    usable = []
+    original = robust.restore_highlights
+    monkeypatch.setattr(
+        robust, "restore_highlights", lambda *a, **k: usable.append(a[3].usable) or original(*a, **k)
+    )
+    fuse(pairs[LONG_SHORT])
+    monkeypatch.setattr(robust, "hidden", lambda of_main, *rest, **options: np.ones(of_main.values.shape, bool))
+    fuse(pairs[LONG_SHORT])
+    assert usable[0].any()
+    assert not usable[1].any()
+
+
 def test_no_setting_was_forgotten_above():
     config = RobustConfig()
     parts = [f.name for f in fields(config) if f.name not in ("max_disparity", "response_rounds", "toe")]

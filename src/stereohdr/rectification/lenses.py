@@ -29,7 +29,7 @@ COEFFICIENTS: dict[LensModel, int] = {"plumb-bob": 5, "rational": 8, "fisheye": 
 WIDEST_RAY = math.radians(85.0)
 """Rays further off the axis have no place in a flat rectified picture."""
 
-_STEPS = 2000
+_STEPS = 500
 """Slopes at which a lens model is examined for folding back."""
 
 _LARGEST_SLOPE = math.tan(WIDEST_RAY)

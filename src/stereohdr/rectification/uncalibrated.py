@@ -49,7 +49,7 @@ pair best or nearly so; BorealHDR's own calibration has 1.4."""
 NOISE = 0.5
 """Pixels: scale of the robust loss."""
 
-MOST_FITTED = 1500
+MOST_FITTED = 1000
 """Matches to which a model is fitted, evenly picked from more."""
 
 MOST_STEPS = 30
