@@ -537,6 +537,9 @@ class ShadowsConfig:
     alone_share: float = 0.7
     """How far a noisy pixel without a usable match is drawn to its neighbours, 0 to 1: among them noise and fine
     structure look alike."""
+    alone_noise: float = 0.12
+    """Relative noise from which such a pixel is drawn fully, 0 to 10: weaker noise shows less than what is lost with
+    it."""
     lowest: float = 0.3
     """The result stays above this share of the darker one of both views, 0 to 1."""
 
@@ -548,6 +551,7 @@ class ShadowsConfig:
         _require_number("shadows.slope_pull", self.slope_pull, 0, 1e6)
         _require_number("shadows.fewest_share", self.fewest_share, 0, 1)
         _require_number("shadows.alone_share", self.alone_share, 0, 1)
+        _require_number("shadows.alone_noise", self.alone_noise, 0, 10)
         _require_number("shadows.lowest", self.lowest, 0, 1)
 
 

@@ -389,6 +389,7 @@ SHADOWS = {
     ("shadows", "slope_pull", 0.0),
     ("shadows", "fewest_share", 0.95),
     ("shadows", "alone_share", 0.0),
+    ("shadows", "alone_noise", 1.0),
 }
 ELSEWHERE = {
     ("survey", "negative_share"),  # tests/test_survey.py, with the next one

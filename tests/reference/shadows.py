@@ -8,7 +8,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 LEVELS = 24
 FEWEST_WINDOWS = 50
 SMALLEST_SQUARE = 1e-30
-LEAST_UNEXPLAINED = 0.02
+LEAST_UNEXPLAINED = 0.1
 LEAST_SHARE = 1e-3
 LEAST_WEIGHT = 1e-6
 
@@ -43,7 +43,8 @@ def clean_channel(codes, white, radiance, auxiliary, usable, table, config):
     prediction = np.where(explained, prediction, own_mean)
     share = np.where(explained, noise / (noise + unexplained), config.alone_share * own_share)
     brightness = np.maximum(mean(np.where(usable, warped, main), config.radius), SMALLEST_SQUARE)
-    share *= np.clip(np.sqrt(noise) / (brightness * config.clean_noise) - 1, 0, 1)
+    full = np.where(explained, 2 * config.clean_noise, max(config.alone_noise, 2 * config.clean_noise))
+    share *= np.clip((np.sqrt(noise) / brightness - config.clean_noise) / (full - config.clean_noise), 0, 1)
     cleaned = main + share * (prediction - main)
     darker = np.where(explained, np.clip(warped, LEAST_SHARE * main, main), main)
     return np.where(share > 0, np.maximum(cleaned, config.lowest * darker), main), share

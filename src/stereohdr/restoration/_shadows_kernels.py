@@ -18,7 +18,7 @@ from stereohdr.kernels import kernel
 SMALLEST_SQUARE = 1e-30
 """Keeps divisions by a variance finite."""
 
-LEAST_UNEXPLAINED = 0.02
+LEAST_UNEXPLAINED = 0.1
 """Share of the noise variance that counts as unexplained at least: no relation is perfect."""
 
 LEAST_SHARE = 1e-3
@@ -67,6 +67,7 @@ class Settings(NamedTuple):
     slope_pull: float
     fewest_share: float
     alone_share: float
+    alone_noise: float
     lowest: float
 
 
@@ -363,7 +364,7 @@ def smooth(total, settings, kept):
         kept[KEPT_STRUCTURE, x] = max(variance - noise, 0.0) + LEAST_UNEXPLAINED * noise
     for x in range(kept.shape[1]):
         clean = max(total[BRIGHTNESS, x] * scale, SMALLEST_SQUARE) * settings.clean_noise
-        kept[KEPT_STRENGTH, x] = min(max(np.divide(math.sqrt(kept[KEPT_NOISE, x]), clean) - 1, 0.0), 1.0)
+        kept[KEPT_STRENGTH, x] = max(np.divide(math.sqrt(kept[KEPT_NOISE, x]), clean) - 1, 0.0)
 
 
 @kernel
@@ -388,6 +389,8 @@ def predict(images, total, settings, kept, out):
 @kernel
 def finish(images, total, settings, kept, channel, cleaned, share):
     """Write one row of the answers."""
+    clean = settings.clean_noise
+    alone_rise = clean / max(settings.alone_noise - clean, clean)
     for x in range(kept.shape[1]):
         m, a, noise = np.float64(images[MAIN, x]), np.float64(images[AUXILIARY, x]), kept[KEPT_NOISE, x]
         prediction, mean = kept[KEPT_PREDICTION, x], kept[KEPT_MEAN, x]
@@ -399,7 +402,8 @@ def finish(images, total, settings, kept, channel, cleaned, share):
         miss = m - prediction
         outlying = max((near if explained else own_near) - 2 * noise, miss * miss - 9 * noise)
         unexplained = max(unexplained if explained else structure, outlying)
-        part = np.divide(noise, noise + unexplained) * kept[KEPT_STRENGTH, x]
+        strength = min(kept[KEPT_STRENGTH, x] * (1.0 if explained else alone_rise), 1.0)
+        part = np.divide(noise, noise + unexplained) * strength
         part *= 1.0 if explained else settings.alone_share
         darker = min(max(a, LEAST_SHARE * m), m) if explained else m
         drawn = max(m - part * miss, settings.lowest * darker)

@@ -99,6 +99,7 @@ def clean_shadows(
         slope_pull=float(config.slope_pull),
         fewest_share=float(config.fewest_share),
         alone_share=float(config.alone_share),
+        alone_noise=float(config.alone_noise),
         lowest=float(config.lowest),
     )
     height, width, count = radiance.shape
