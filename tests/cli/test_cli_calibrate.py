@@ -88,7 +88,12 @@ def test_sets_that_do_not_do(folder, tmp_path, capsys):
         return run("calibrate", *arguments, "-q")
 
     refused(capsys, calibrate(*files[:-1], *BOARD, *out), "13 photos are no pairs")
-    refused(capsys, calibrate(*files[:3], *files[7:10], *BOARD, *out), "in 3 of 3 pairs, at least 5")
+    refused(
+        capsys,
+        calibrate(*files[:3], *files[7:10], *BOARD, *out),
+        "in 3 of 3 pairs",
+        "; take more",
+    )
     refused(capsys, calibrate(*files, "--board", "9x6", "--square", "30mm", *out), "not found in", "--board")
     alternating = sorted(files, key=lambda path: path.stem[-2:])
     refused(capsys, calibrate(*alternating, *BOARD, *out), "would be paired with", "left camera, then")

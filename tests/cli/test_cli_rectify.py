@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from camera_files import bayer_mosaic, write_dng
 from stereo_rigs import HEIGHT, WIDTH, World, camera, photographed, rig
 
 from stereohdr import read_hdr, read_photo
@@ -97,7 +98,7 @@ def test_without_rectification_there_is_no_report(files):
 
 def test_options_of_fuse_that_cannot_work(files, capsys):
     refused(capsys, fuse(files, "--unrectify"), "--unrectify undoes a rectification")
-    refused(capsys, fuse(files, "--calib", files / "none.toml"), "none.toml: cannot read the calibration")
+    refused(capsys, fuse(files, "--calib", files / "none.toml"), "none.toml: no such file")
     write_calibration(files / "other.toml", rig(cameras=(camera(size=(640, 480)), camera(size=(640, 480)))))
     refused(capsys, fuse(files, "--calib", files / "other.toml"), "left.png: is 360x270", "is for 640x480")
     write_calibration(files / "lenses.toml", StereoCalibration(camera(), camera()))
@@ -156,6 +157,8 @@ def test_options_of_rectify_that_cannot_work(files, capsys):
     refused(capsys, rectify(files, "--save-calib", files / "c.yml"), "c.yml")
     refused(capsys, rectify(files, out="."), "would overwrite", "left.png")
     refused(capsys, rectify(files, out="left.png"), "is a file")
+    refused(capsys, rectify(files, "--calib", files / "none.toml", out="a/b"), "none.toml: no such file")
+    assert not (files / "a").exists()
 
 
 def test_a_missing_opencv_is_said(files, capsys, monkeypatch):
@@ -170,3 +173,12 @@ def test_differing_sizes_are_brought_to_one(files, capsys):
     assert rectify(files) == 0
     sizes = [read_photo(files / "rectified" / f"{side}.png") for side in ("left", "right")]
     assert sizes[0].codes.shape == sizes[1].codes.shape
+
+
+def test_what_a_png_cannot_say_of_raw_files_is_warned_of(tmp_path, capsys):
+    pytest.importorskip("rawpy", reason="rawpy is not installed")
+    for photo in photographed(World(), **TURNED, bits=12):
+        mosaic = bayer_mosaic(photo.codes, "RGGB")
+        write_dng(tmp_path / photo.name.replace("png", "dng"), mosaic, exposure=(1, 4))
+    assert run("rectify", tmp_path / "left.dng", tmp_path / "right.dng", "-o", tmp_path / "rectified") == 0
+    assert "a PNG cannot say so; fuse them with --response linear" in capsys.readouterr().err

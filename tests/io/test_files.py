@@ -1,7 +1,7 @@
 import pytest
 
-from stereohdr.errors import FileFormatError, OutputError
-from stereohdr.io.files import atomic_path
+from stereohdr.errors import FileFormatError, InputError, OutputError
+from stereohdr.io.files import atomic_path, new_folder
 
 
 def test_success_replaces_the_target_and_leaves_nothing_else(tmp_path):
@@ -40,8 +40,40 @@ def test_a_full_disk_is_a_sentence(tmp_path):
         raise OSError(28, "No space left on device")
 
 
-def test_missing_folder_and_folder_as_target(tmp_path):
-    with pytest.raises(FileFormatError, match="does not exist"), atomic_path(tmp_path / "no" / "a.hdr"):
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("no/a.hdr", "{}: the folder {parent} does not exist; create it first"),
+        ("file/a.hdr", "{}: the folder {parent} does not exist; create it first"),
+        (".", "{}: is a folder; give the name of a file"),
+    ],
+)
+def test_names_that_no_file_can_have_are_one_sentence(tmp_path, name, message):
+    (tmp_path / "file").touch()
+    path = tmp_path / name
+    with pytest.raises(FileFormatError) as error, atomic_path(path):
         pass
-    with pytest.raises(FileFormatError, match="is a folder"), atomic_path(tmp_path):
-        pass
+    assert str(error.value) == message.format(path, parent=path.parent)
+
+
+def test_a_new_folder_vanishes_if_nothing_came_of_it(tmp_path):
+    def fill(path, *names):
+        with new_folder(path) as folder:
+            for name in names:
+                (folder / name).touch()
+            raise InputError("a sentence")
+
+    with pytest.raises(InputError, match="a sentence"):
+        fill(tmp_path / "a" / "b")
+    assert list(tmp_path.iterdir()) == []
+    for _ in range(2):  # the second time it is there already
+        with pytest.raises(InputError, match="a sentence"):
+            fill(tmp_path / "a" / "b", "written.png")
+        assert (tmp_path / "a" / "b" / "written.png").exists()
+    (tmp_path / "old").mkdir()
+    with pytest.raises(InputError, match="a sentence"):
+        fill(tmp_path / "old")
+    assert (tmp_path / "old").is_dir()
+    (tmp_path / "file").touch()
+    with pytest.raises(FileFormatError, match="is a file; give the name of a folder"):
+        fill(tmp_path / "file")

@@ -32,6 +32,14 @@ def test_half_floats():
     np.testing.assert_allclose(decode_jpeg_xl(data)[0][3, 4], [65504, 32752, 0], rtol=1e-3)
 
 
+def test_full_floats_never_become_infinite():
+    huge = np.full((8, 8, 3), 1e30, np.float32)
+    with pytest.warns(StereoHdrWarning, match=r"brighter than 1e\+38 times diffuse white"):
+        stored = imagecodecs.jpegxl_decode(encode_jpeg_xl(huge, white=1e-20))
+    np.testing.assert_allclose(stored, 1e38, rtol=1e-6)
+    np.testing.assert_allclose(decode_jpeg_xl(encode_jpeg_xl(huge, white=1e30))[0], huge, rtol=1e-6)
+
+
 def test_lossy():
     y, x = np.mgrid[:64, :64] / 20
     smooth = (np.exp(x - y)[..., None] * [1.0, 0.8, 0.6]).astype(np.float32)

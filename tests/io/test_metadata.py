@@ -127,7 +127,10 @@ def test_one_broken_rational_does_not_hide_the_others(tmp_path):
 
 @pytest.mark.parametrize(
     ("iso", "expected"),
-    [(100, 100.0), ((100,), 100.0), (65535, None), ("many", None), ((), None), (float("nan"), None), (-5, None)],
+    [
+        *((100, 100.0), ((100,), 100.0), ((100, 200), 100.0), ([400, 0], 400.0)),
+        *((65535, None), ("many", None), ((), None), (float("nan"), None), (-5, None)),
+    ],
 )
 def test_iso_values_as_found_in_the_wild(iso, expected):
     assert exposure_from_tags({34855: iso}).iso == expected

@@ -93,8 +93,9 @@ def test_anything_else_is_refused_with_what_is_accepted(tmp_path, text, message)
 
 
 def test_files_that_cannot_be_read(tmp_path):
-    with pytest.raises(FileFormatError, match=r"missing\.csv: cannot read the response curve"):
-        read_response(tmp_path / "missing.csv")
+    for name in ("missing.csv", "missing.json"):
+        with pytest.raises(FileFormatError, match=rf"{name}: no such file; check"):
+            read_response(tmp_path / name)
     (tmp_path / "binary.csv").write_bytes(b"\xff\xfe\x00\x80" * 99)
     with pytest.raises(FileFormatError, match="it is not a text file"):
         read_response(tmp_path / "binary.csv")

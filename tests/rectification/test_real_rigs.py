@@ -1,10 +1,16 @@
 """The numbers that real cameras must reach; skipped where the data are absent. Run with -s to see them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from stereohdr import read_photo
+from stereohdr import fuse, read_photo
 from stereohdr.datasets.boreal import WHITE_LEVEL
+from stereohdr.datasets.registry import load_scene
+from stereohdr.methods import get_method
+from stereohdr.metrics.radiometric import aligning_scale, log2_error, log2_rmse
+from stereohdr.radiance import code_luma
 from stereohdr.rectification import (
     Board,
     calibrate_stereo,
@@ -43,6 +49,25 @@ def test_polar_across_sixteen_times_the_exposure(shared_data):
     # Before, x_left - x_right is 120 to 230 px, y_left - y_right 12 to 20.
     assert 0 < report["disparity_min"] < 20
     assert 105 < report["disparity_max"] < 140
+
+
+def test_polar_from_files_to_a_picture(shared_data):
+    folder_of(shared_data, "polar")
+    scene = load_scene("R6", shared_data)  # 64 and 1024 ms; the reference are all exposures of the left view
+    codes = code_luma(scene.pair.left)
+    inside = (codes < 5) | (codes > 250)
+    stops = {}
+    for method in ("robust", "mv-only"):
+        config = replace(get_method(method).config_type(), max_disparity=scene.max_disparity)
+        radiance = fuse(scene.pair, method, config).radiance
+        scale = aligning_scale(radiance, scene.reference, scene.pair.left)
+        stops[method] = log2_rmse(log2_error(radiance, scene.reference, scale=scale), inside)
+    print(
+        f"\nPOLAR: log2 RMSE inside S ({inside.mean():.0%} of the view) {stops['robust']:.3f} stops, "
+        f"main view only {stops['mv-only']:.3f}"
+    )
+    assert 0.2 < inside.mean() < 0.5
+    assert stops["robust"] <= 0.5 * stops["mv-only"]
 
 
 def boreal(folder, side, ms):

@@ -27,6 +27,7 @@ from stereohdr.cli import (
     warmup,
 )
 from stereohdr.errors import InputError, StereoHdrError, StereoHdrWarning
+from stereohdr.quiet import silence_libraries
 
 EXIT_BAD_INPUT = 2
 EXIT_FAILURE = 1
@@ -83,6 +84,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     own_process = arguments is None
     if own_process:
         gc.set_threshold(COLLECT_AFTER)
+        silence_libraries()
     status, message = EXIT_FAILURE, None
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", StereoHdrWarning)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from stereohdr.cli.photos import Bayer, BlackLevel, ResponseFile, WhiteLevel
-from stereohdr.errors import FileFormatError
+from stereohdr.errors import FileFormatError, StereoHdrWarning
 
 if TYPE_CHECKING:
     from stereohdr.rectification import RectifiedPair
@@ -62,7 +63,7 @@ def rectify_command(
     from stereohdr.cli.fuse import check_outputs
     from stereohdr.cli.photos import read_photos
     from stereohdr.io.deep_png import write_photo
-    from stereohdr.io.files import make_folder
+    from stereohdr.io.files import new_folder
     from stereohdr.io.images import write_png
     from stereohdr.io.metadata import parse_exposure_time
     from stereohdr.io.response_files import read_response
@@ -74,34 +75,42 @@ def rectify_command(
         raise FileFormatError(f"{preview}: the preview is a PNG picture; give a name that ends in .png")
     if save_calib is not None and save_calib.suffix.lower() != ".toml":
         raise FileFormatError(f"{save_calib}: the geometry is written as TOML; give a name that ends in .toml")
-    make_folder(output)
-    views = {side: (output / f"{side}.png", output / f"{side}_mask.png") for side in ("left", "right")}
-    outputs = [path for paths in views.values() for path in paths[: 1 + full]]
-    outputs += [path for path in (save_calib, preview, json_file) if path is not None]
-    check_outputs([*outputs], [left, right, response, *(calib or [])])
+    with new_folder(output):
+        views = {side: (output / f"{side}.png", output / f"{side}_mask.png") for side in ("left", "right")}
+        outputs = [path for paths in views.values() for path in paths[: 1 + full]]
+        outputs += [path for path in (save_calib, preview, json_file) if path is not None]
+        check_outputs([*outputs], [left, right, response, *(calib or [])])
 
-    times = None if exposures is None else [parse_exposure_time(text) for text in exposures]
-    photos = read_photos([left, right], times, white_level=white_level, black_level=black_level, bayer=bayer)
-    curve = None
-    if response is not None:
-        curve = read_response(response, channels=photos[0].channels, white_level=photos[0].white)
-    pair = rectify_pair(
-        *photos,
-        calibration=read_calibration(*calib) if calib else None,
-        pose_from_pictures=auto,
-        response=curve,
-        crop=not full,
-    )
-    for side, photo, valid in (("left", pair.left, pair.valid_left), ("right", pair.right, pair.valid_right)):
-        write_photo(views[side][0], photo)
-        if full:
-            write_png(views[side][1], valid.astype("uint8") * 255)
-    if save_calib is not None:
-        write_calibration(save_calib, pair.rectification.calibration)
-    if preview is not None:
-        write_png(preview, rows_picture(pair))
-    if json_file is not None:
-        write_json(json_file, {"rectification": dict(pair.rectification.report or {})})
+        times = None if exposures is None else [parse_exposure_time(text) for text in exposures]
+        photos = read_photos([left, right], times, white_level=white_level, black_level=black_level, bayer=bayer)
+        curve = None
+        if response is not None:
+            curve = read_response(response, channels=photos[0].channels, white_level=photos[0].white)
+        pair = rectify_pair(
+            *photos,
+            calibration=read_calibration(*calib) if calib else None,
+            pose_from_pictures=auto,
+            response=curve,
+            crop=not full,
+        )
+        for side, photo, valid in (("left", pair.left, pair.valid_left), ("right", pair.right, pair.valid_right)):
+            write_photo(views[side][0], photo)
+            if full:
+                write_png(views[side][1], valid.astype("uint8") * 255)
+        if save_calib is not None:
+            write_calibration(save_calib, pair.rectification.calibration)
+        if preview is not None:
+            write_png(preview, rows_picture(pair))
+        if json_file is not None:
+            write_json(json_file, {"rectification": dict(pair.rectification.report or {})})
+    if pair.left.linear and pair.left.channels == 3:
+        warnings.warn(
+            "the rectified photos hold linear codes in the colours of the sensor, and a PNG cannot say so; fuse "
+            "them with --response linear, or the raw files themselves with --rectify or --calib, which also "
+            "balances their colours",
+            StereoHdrWarning,
+            stacklevel=2,
+        )
     for line in _summary(pair):
         typer.echo(line)
     typer.echo(f"wrote      {', '.join(map(str, outputs))}")

@@ -107,7 +107,7 @@ def relative_to_white(
         Pixels had to be darkened.
     """
     largest = radiance.max(axis=2, keepdims=True)
-    limit = np.float32(white * peak)
+    limit = np.float32(min(white * peak, float(np.finfo(np.float32).max)))
     beyond = largest > limit
     share = np.count_nonzero(beyond) / beyond.size
     if share:

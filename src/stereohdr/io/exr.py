@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout
+from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +15,7 @@ from stereohdr.errors import FileFormatError, InputError, StereoHdrWarning
 from stereohdr.io.files import atomic_path
 from stereohdr.io.images import check_size
 from stereohdr.io.metadata import first_bytes
+from stereohdr.quiet import quiet_stderr
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -180,7 +182,8 @@ def write_exr(
 @contextmanager
 def _damage_as_sentence(path: str | Path) -> Iterator[None]:
     try:
-        yield
+        with quiet_stderr():
+            yield
     except FileFormatError:
         raise
     except Exception as error:  # OpenEXR raises RuntimeError, ValueError, ... on damaged files
@@ -202,7 +205,10 @@ def _read_channels(
         if len(file.parts) > 1:
             notices.append(f"only the first of its {len(file.parts)} parts was read")
     names = choose(header)
-    with OpenEXR.File(str(path), separate_channels=True) as file:
+    # Of parts that it cannot decode it prints a remark instead of raising an error, and leaves them out.
+    with redirect_stdout(StringIO()), OpenEXR.File(str(path), separate_channels=True) as file:
+        if not file.parts:
+            raise FileFormatError(f"{path}: damaged OpenEXR file (its pixels cannot be decoded); get it again")
         channels = file.parts[0].channels
         return header, {name: np.asarray(channels[name].pixels) for name in names}
 

@@ -27,15 +27,16 @@ def check_output(path: str | Path) -> None:
     """
     target = Path(path)
     try:
-        if not target.parent.is_dir():
-            raise FileFormatError(f"{target}: the folder {target.parent} does not exist; create it first")
-        if target.is_dir():
-            raise FileFormatError(f"{target}: is a folder; give the name of a file")
-        with suppress(FileNotFoundError):
+        folder_exists, is_folder = target.parent.is_dir(), target.is_dir()
+        with suppress(FileNotFoundError, NotADirectoryError):
             target.stat()  # fails for names that the file system does not take
     except (OSError, ValueError) as error:
         kind = OutputError if _is_of_the_environment(error) else FileFormatError
         raise kind(f"{target}: cannot be written ({_reason(error)}); choose another name or folder") from error
+    if not folder_exists:
+        raise FileFormatError(f"{target}: the folder {target.parent} does not exist; create it first")
+    if is_folder:
+        raise FileFormatError(f"{target}: is a folder; give the name of a file")
     if not os.access(target.parent, os.W_OK):
         raise OutputError(f"{target}: the folder {target.parent} cannot be written to; choose another")
 
@@ -89,6 +90,22 @@ def make_folder(path: str | Path) -> Path:
     if not os.access(folder, os.W_OK):
         raise OutputError(f"{folder}: the folder cannot be written to; choose another")
     return folder
+
+
+@contextmanager
+def new_folder(path: str | Path) -> Iterator[Path]:
+    """Create a folder like `make_folder`; if what follows fails, remove it again unless something is in it."""
+    folder = Path(path)
+    created = []
+    with suppress(OSError, ValueError):  # `make_folder` says what is wrong
+        created = [one for one in (folder, *folder.parents) if not one.exists()]
+    try:
+        yield make_folder(folder)
+    except BaseException:
+        with suppress(OSError):
+            for one in created:
+                one.rmdir()
+        raise
 
 
 def _is_of_the_environment(error: Exception) -> bool:

@@ -27,6 +27,9 @@ SIGNATURE = box(b"JXL ", b"\r\n\x87\n")
 LARGEST_HALF = 65504.0
 """The largest number that a half float holds."""
 
+LARGEST_FLOAT = 1e38
+"""What 32-bit floats hold, nearly: a radiance divided by that of white must not become infinite."""
+
 EFFORT = 5
 """libjxl's effort; larger numbers take much longer and save a few percent."""
 
@@ -73,7 +76,7 @@ def encode_jpeg_xl(
     if not 1 <= quality <= 100:
         raise ConfigError(f"JPEG XL: quality must be from 1 to 100 (lossless), got {quality}")
     white = diffuse_white(radiance) if white is None else checked_white(white)
-    relative = relative_to_white(radiance, white, LARGEST_HALF if half else np.inf, name=name)
+    relative = relative_to_white(radiance, white, LARGEST_HALF if half else LARGEST_FLOAT, name=name)
     coded = imagecodecs.jpegxl_encode(
         relative.astype(np.float16) if half else relative,
         None if quality == 100 else quality,

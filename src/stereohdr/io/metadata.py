@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import logging
 import math
 import re
 import warnings
@@ -12,6 +13,9 @@ from pathlib import Path
 from typing import Any, Literal
 
 from stereohdr.errors import ExposureError, FileFormatError
+
+# What tifffile remarks on damaged files goes to whoever set up logging, and not to the terminal.
+logging.getLogger("tifffile").addHandler(logging.NullHandler())
 
 ImageKind = Literal["PNG", "JPEG", "TIFF", "HEIF", "AVIF", "NPY", "RAW"]
 
@@ -130,7 +134,8 @@ def read_exposure(path: str | Path) -> Exposure:
 
 def exposure_from_tags(tags: Mapping[int, Any]) -> Exposure:
     """Return the exposure that `tags` (see `read_tags`) state, None for what is missing or broken."""
-    iso = positive_number(tags.get(ISO))
+    sensitivities = tags.get(ISO)  # a whole number, or several: not a fraction
+    iso = positive_number(sensitivities[:1] if isinstance(sensitivities, tuple | list) else sensitivities)
     return Exposure(
         time=positive_number(tags.get(EXPOSURE_TIME)),
         f_number=positive_number(tags.get(F_NUMBER)),

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from stereohdr.demosaicing import bayer_pattern, demosaic
 from stereohdr.errors import ConfigError, FileFormatError, MissingDependencyError
 from stereohdr.io.metadata import Exposure, positive_number
+from stereohdr.quiet import quiet_stderr
 
 PILE_UP_SHARE = 1e-4
 """So many of all samples at the highest code, and `PILE_UP_FACTOR` times more than at the codes below it, are no
@@ -79,7 +80,7 @@ def read_raw(path: str | Path) -> RawImage:
     """
     rawpy = _rawpy()
     try:
-        with rawpy.imread(str(path)) as raw:
+        with quiet_stderr(), rawpy.imread(str(path)) as raw:
             return _decoded(raw, rawpy, str(path))
     except (FileFormatError, MemoryError):
         raise

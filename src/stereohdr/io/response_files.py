@@ -10,10 +10,14 @@ from numpy.typing import NDArray
 
 from stereohdr.errors import FileFormatError, ResponseError
 from stereohdr.io.files import atomic_path
+from stereohdr.io.metadata import first_bytes
 from stereohdr.model import MID_KNOT, RESPONSE_KNOTS, ResponseCurve
 
 NAMED = ("linear", "srgb")
 """Responses that need no file."""
+
+LARGEST_TABLE = 10_000_000
+"""Bytes of a table that are read; what comes after them makes it no response curve either way."""
 
 RESPONSE_SUFFIXES = (".json", ".csv")
 """Formats in which a curve is written."""
@@ -46,6 +50,7 @@ def read_response(source: str | Path, *, channels: int | None = None, white_leve
         return (
             ResponseCurve.linear(count, white_level=white_level) if name == "linear" else ResponseCurve.srgb(count)
         )
+    first_bytes(source, 1)  # a missing file or a folder gets its own sentence
     curve = ResponseCurve.load(source) if name.lower().endswith(".json") else read_response_table(source)
     try:
         return curve if channels is None else curve.with_channels(channels)
@@ -103,12 +108,9 @@ def write_response_table(path: str | Path, curve: ResponseCurve) -> None:
 def _numbers(path: str | Path) -> tuple[NDArray[np.float64], str]:
     """Return the numbers of a file as ``(256, N)``, and its heading."""
     try:
-        lines = Path(path).read_text(encoding="utf-8-sig").splitlines()
+        lines = first_bytes(path, LARGEST_TABLE).decode("utf-8-sig").splitlines()
     except UnicodeDecodeError as error:
         raise _unusable(path, "it is not a text file") from error
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise FileFormatError(f"{path}: cannot read the response curve ({reason}); check the name") from error
     rows = [line.replace(",", " ").replace(";", " ").split() for line in lines if line.strip()]
     heading = ""
     if rows and not _is_number(rows[0][0]):

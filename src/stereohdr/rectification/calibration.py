@@ -229,14 +229,10 @@ def calibrate_stereo(pairs: Sequence[Pair], board: Board, *, lens: LensModel = "
     if len(used) < FEWEST_PAIRS:
         lacking = [view.name for pair in pairs for view in pair if not view.found]
         shown = ", ".join(lacking[:4]) + (", ..." if len(lacking) > 4 else "")
+        advice = f"it was not found in {shown}; check --board, and that the board is sharp and whole"
         raise InputError(
             f"the board ({board.columns}x{board.rows} inner corners) is seen by both cameras in {len(used)} of "
-            f"{len(pairs)} pairs, at least {FEWEST_PAIRS} are needed"
-            + (
-                f"; it was not found in {shown}; check --board, and that the board is sharp and whole"
-                if shown
-                else ""
-            )
+            f"{len(pairs)} pairs, at least {FEWEST_PAIRS} are needed; {advice if shown else 'take more'}"
         )
     solve = _solve_fisheye if lens == "fisheye" else _solve_pinhole
     try:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from stereohdr.errors import FileFormatError, InputError, MissingDependencyError
 from stereohdr.io.files import atomic_path
+from stereohdr.io.metadata import first_bytes
 from stereohdr.rectification.geometry import StereoCalibration
 from stereohdr.rectification.lenses import CameraModel, LensModel
 
@@ -94,7 +95,7 @@ def read_calibration(*paths: str | Path) -> StereoCalibration:
     documents = [_document(path) for path in paths]
     try:
         return _calibration(documents)
-    except (AttributeError, KeyError, TypeError, ValueError, IndexError, np.linalg.LinAlgError) as error:
+    except (AttributeError, KeyError, TypeError, ValueError, IndexError, ArithmeticError) as error:
         reason = str(error) if isinstance(error, InputError) else f"not a calibration of two cameras; {_KNOWN}"
         raise FileFormatError(f"{names}: {reason}") from error
 
@@ -134,13 +135,10 @@ def write_calibration(path: str | Path, calibration: StereoCalibration) -> None:
 
 def _document(path: str | Path) -> Document:
     """Return what a file holds; matrices as arrays."""
+    content = first_bytes(path, LARGEST_FILE + 1)
     try:
-        with open(path, "rb") as file:
-            content = file.read(LARGEST_FILE + 1)
         text = content.decode("utf-8-sig").strip()
-    except OSError as error:
-        raise FileFormatError(f"{path}: cannot read the calibration ({error.strerror})") from error
-    except ValueError as error:  # no text, or a name that no file can have
+    except UnicodeDecodeError as error:
         raise FileFormatError(f"{path}: is not a text file; {_KNOWN}") from error
     if len(content) > LARGEST_FILE:
         raise FileFormatError(f"{path}: is too large for a calibration; {_KNOWN}")
@@ -222,13 +220,12 @@ def _own(document: Document) -> StereoCalibration:
     cameras = []
     for side in ("left", "right"):
         table = document[side]
-        size = table.get("size")
         cameras.append(
             CameraModel(
                 np.array(table["matrix"], dtype=np.float64),
                 tuple(table.get("distortion", ())),
                 table["lens"],
-                None if size is None else (int(size[0]), int(size[1])),
+                _size(table),
             )
         )
     pose = document.get("pose")
@@ -247,13 +244,12 @@ def _kalibr(document: Document) -> StereoCalibration:
                 f"pinhole-equi"
             )
         fx, fy, cx, cy = (float(value) for value in camera["intrinsics"])
-        width, height = camera["resolution"]
         cameras.append(
             _camera(
                 [[fx, 0, cx], [0, fy, cy], [0, 0, 1]],
                 camera.get("distortion_coeffs", ()),
                 camera.get("distortion_model"),
-                (int(width), int(height)),
+                _size(camera),
             )
         )
     transform = np.array(document["cam1"]["T_cn_cnm1"], dtype=np.float64).reshape(4, 4)
