@@ -58,3 +58,27 @@ def test_larger_takes_the_second_where_one_is_not_a_number():
     use_all(values, out)
     assert (out.reshape(-1, v.LANES)[4] == 2).all()
     assert (out.reshape(-1, v.LANES)[5] == 2).all()  # a number that is not one is not positive
+
+
+@kernel
+def use_integers(numbers, labels, label, values, out):
+    """Write the numbers from the second on, and the values where the labels from the second on are `label`."""
+    target = v.pointer(out, 0)
+    v.store(target, 0, v.load_bytes(v.pointer(numbers, 0), 1))
+    kept = v.where_labelled(v.pointer(labels, 0), 1, label, v.load(v.pointer(values, 0), 0))
+    v.store(target, v.LANES, kept)
+    return v.any_positive(kept)
+
+
+@pytest.mark.parametrize("label", [-1, 0, 2, 2**31 - 1])
+def test_bytes_and_labels_equal_numpy(label):
+    rng = np.random.default_rng(4)
+    numbers = rng.permutation(np.arange(256, dtype=np.uint8))
+    labels = rng.integers(-1, 3, v.LANES + 1).astype(np.int32)
+    values = rng.normal(size=v.LANES).astype(np.float32)
+    out = np.full(2 * v.LANES, np.nan, dtype=np.float32)
+    found = use_integers(numbers, labels, np.int32(label), values, out)
+    np.testing.assert_array_equal(out[: v.LANES], numbers[1 : v.LANES + 1])
+    expected = np.where(labels[1:] == label, values, 0)
+    np.testing.assert_array_equal(out[v.LANES :], expected)
+    assert found == (expected > 0).any()

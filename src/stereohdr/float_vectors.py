@@ -97,6 +97,35 @@ def load(typing_context, address, index):
 
 
 @_lane_function
+def load_bytes(typing_context, address, index):
+    """Return the 16 uint8 from ``address[index]`` on."""
+
+    def code(context, builder, signature, arguments):
+        place = builder.gep(arguments[0], [arguments[1]])
+        lanes = ir.VectorType(ir.IntType(8), LANES)
+        return builder.uitofp(builder.load(builder.bitcast(place, lanes.as_pointer()), align=1), _FLOATS)
+
+    return float_vector(types.CPointer(types.uint8), types.intp), code
+
+
+@_lane_function
+def where_labelled(typing_context, labels, index, label, vector):
+    """Return the vector where the 16 int32 from ``labels[index]`` on are the label, else 0."""
+    integers = ir.VectorType(ir.IntType(32), LANES)
+    zeros = ir.Constant(integers, [0] * LANES)
+
+    def code(context, builder, signature, arguments):
+        address, index, label, vector = arguments
+        place = builder.bitcast(builder.gep(address, [index]), integers.as_pointer())
+        single = builder.insert_element(ir.Constant(integers, ir.Undefined), label, ir.IntType(32)(0))
+        every = builder.shuffle_vector(single, ir.Constant(integers, ir.Undefined), zeros)
+        same = builder.icmp_signed("==", builder.load(place, align=4), every)
+        return builder.select(same, vector, ir.Constant(_FLOATS, [0.0] * LANES))
+
+    return float_vector(types.CPointer(types.int32), types.intp, types.int32, float_vector), code
+
+
+@_lane_function
 def store(typing_context, address, index, vector):
     """Set the 16 float32 from ``address[index]`` on."""
 
@@ -165,6 +194,18 @@ def where_positive(typing_context, condition, a, b):
         return builder.select(positive, a, b)
 
     return float_vector(float_vector, float_vector, float_vector), code
+
+
+@_lane_function
+def any_positive(typing_context, vector):
+    """Return whether a lane is > 0."""
+
+    def code(context, builder, signature, arguments):
+        positive = builder.fcmp_ordered(">", arguments[0], ir.Constant(_FLOATS, [0.0] * LANES))
+        word = builder.bitcast(positive, ir.IntType(LANES))
+        return builder.icmp_unsigned("!=", word, ir.IntType(LANES)(0))
+
+    return types.boolean(float_vector), code
 
 
 @_lane_function

@@ -1,4 +1,5 @@
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -73,6 +74,19 @@ def test_aggregation_equals_the_twin(rows, width, radius, segments, seed):
     got = aggregate_in_segments(volume, labels, found, config=config)
     expected = np.empty_like(got)
     twin.aggregate_rows(volume, labels, found, support_weights(config), 0, 0, expected)
+    np.testing.assert_allclose(got, expected, rtol=1e-5)
+
+
+@pytest.mark.parametrize("radius", [7, 8, 9])
+def test_aggregation_in_windows_of_several_vectors_equals_the_twin(radius):
+    rng = np.random.default_rng(radius)
+    volume = random_volume(1, 11, 45, 7)
+    labels = (np.arange(45) // 9 + rng.integers(0, 2, (11, 45))).astype(np.int32)
+    found = select_candidates(volume[3:], np.ones((5, 45), dtype=bool), config=CandidateConfig(share=0.8, box=3))
+    config = AggregationConfig(radius=radius, sigma=5.0)
+    got = aggregate_in_segments(volume, labels, found, first_image_row=3, first_row=3, config=config)
+    expected = np.empty_like(got)
+    twin.aggregate_rows(volume, labels, found, support_weights(config), 3, 3, expected)
     np.testing.assert_allclose(got, expected, rtol=1e-5)
 
 

@@ -8,7 +8,22 @@ from __future__ import annotations
 
 import numpy as np
 
+from stereohdr.float_vectors import (
+    LANES,
+    any_positive,
+    even_lanes,
+    load,
+    load_bytes,
+    odd_lanes,
+    pointer,
+    splat,
+    store,
+    where_labelled,
+)
 from stereohdr.kernels import kernel
+
+TILE_ROWS = 4
+"""Rows of the tiles of `aggregate_rows`; with `LANES` columns each, a tile is a cache line."""
 
 
 @kernel
@@ -81,8 +96,11 @@ def candidate_rows(volume, wanted, box_radius, offset, candidates):
     rows, width, disparities = volume.shape
     count = candidates.shape[2]
     columns = np.zeros((width, disparities), dtype=np.uint16)
-    score = np.zeros(disparities, dtype=np.uint16)
-    kept = np.zeros(count, dtype=np.uint16)
+    total = np.zeros(disparities, dtype=np.uint16)
+    raised = np.zeros(disparities + 2, dtype=np.uint16)  # score + 1, between two zeros
+    is_peak = np.zeros(disparities, dtype=np.uint8)
+    peak = np.zeros(disparities, dtype=np.int64)
+    kept = np.zeros(count, dtype=np.int64)
     for y in range(candidates.shape[0]):
         any_wanted = False
         for x in range(width):
@@ -94,108 +112,176 @@ def candidate_rows(volume, wanted, box_radius, offset, candidates):
         for yy in range(max(0, y + offset - box_radius), min(rows, y + offset + box_radius + 1)):
             for x in range(width):
                 source = volume[yy, x]
-                total = columns[x]
+                target = columns[x]
+                for d in range(disparities):
+                    target[d] += source[d]
+        total[:] = 0
+        for x in range(min(box_radius, width)):
+            source = columns[x]
+            for d in range(disparities):
+                total[d] += source[d]
+        for x in range(width):
+            if x + box_radius < width:
+                source = columns[x + box_radius]
                 for d in range(disparities):
                     total[d] += source[d]
-        for x in range(width):
+            if x > box_radius:
+                source = columns[x - box_radius - 1]
+                for d in range(disparities):
+                    total[d] -= source[d]
             if not wanted[y, x]:
                 continue
             valid = min(disparities, width - x)
-            score[:] = 0
-            for xx in range(max(0, x - box_radius), min(width, x + box_radius + 1)):
-                total = columns[xx]
-                for d in range(valid):
-                    score[d] += total[d]
-            found = candidates[y, x]
-            filled = 0
+            before, here, after = raised[:valid], raised[1 : valid + 1], raised[2 : valid + 2]
             for d in range(valid):
-                s = score[d]
-                if d > 0 and s <= score[d - 1]:
-                    continue
-                end = d + 1  # of the plateau that begins at d
-                while end < valid and score[end] == s:
-                    end += 1
-                if end < valid and score[end] > s:
-                    continue
-                if filled == count and s <= kept[count - 1]:
-                    continue
-                k = filled if filled < count else count - 1
-                while k > 0 and kept[k - 1] < s:
-                    kept[k] = kept[k - 1]
-                    found[k] = found[k - 1]
-                    k -= 1
-                kept[k] = s
-                found[k] = d
-                if filled < count:
-                    filled += 1
+                here[d] = total[d] + np.uint16(1)
+            after[valid - 1] = 0
+            for d in range(valid):
+                is_peak[d] = (here[d] > before[d]) & (here[d] >= after[d])
+            peaks = 0
+            for d in range(valid):  # without a branch, since any would be mispredicted
+                peak[peaks] = d
+                peaks += is_peak[d]
+            kept[:] = 0
+            for n in range(peaks):
+                d = peak[n]
+                s = here[d]
+                if after[d] == s:  # a plateau, which may go on to rise
+                    end = d + 1
+                    while end < valid and here[end] == s:
+                        end += 1
+                    if end < valid and here[end] > s:
+                        continue
+                key = np.int64(s) << 16 | (0xFFFF - d)
+                for k in range(count):  # each place keeps the larger one and hands on the other
+                    larger = max(kept[k], key)
+                    key = min(kept[k], key)
+                    kept[k] = larger
+            found = candidates[y, x]
+            for k in range(count):
+                if kept[k] > 0:
+                    found[k] = 0xFFFF - (kept[k] & 0xFFFF)
 
 
 @kernel
-def aggregate_rows(volume, segments, candidates, weights, start, offset, scores):
+def fill_tiles(volume, margin, tiles):
+    """Write ``volume[y, x, d]`` into the tile of disparity d, see `aggregate_rows`; row y, column margin + x."""
+    rows, width, disparities = volume.shape
+    for y in range(rows):
+        for left in range(0, width, LANES):
+            columns = min(LANES, width - left)
+            for d in range(disparities):
+                source = volume[y, left : left + columns, d]
+                target = tiles[d, y // TILE_ROWS, (margin + left) // LANES, y % TILE_ROWS, :columns]
+                for i in range(columns):
+                    target[i] = source[i]
+
+
+@kernel
+def aggregate_rows(tiles, margin, labels, candidates, weights, radius, offset, scratch, scores):
     """Fill ``scores[y, x, k]``, float32, with the weighted mean similarity of candidate k (equation 7).
 
-    `volume` is ``(rows, W, D)`` uint8; row y of `scores` and `candidates` is image row y + start, whose
-    similarity is in volume row y + offset. `segments` is the whole ``(H, W)`` image and `weights` the
-    ``(2r+1, 2r+1)`` float32 window. Only pixels of the same segment count, and only where x + d lies inside
-    the main view. -1 where there is no candidate.
+    Parameters
+    ----------
+    tiles
+        ``(D, M, N, TILE_ROWS, LANES)`` uint8, similarity: a tile holds a few rows and columns, so that a window
+        takes few cache lines. Row y of the pixels is row y + offset, column x is x + margin; it is 0 where x + d
+        lies outside the main view.
+    margin
+        A multiple of `LANES`, not less than `radius`.
+    labels
+        ``(height + 2 radius, N * LANES)`` int32, the segments, with the rows before and after those of the pixels,
+        and in the columns of the tiles; -1 outside the image.
+    candidates
+        ``(height, W, K)`` int16. -1 where there is none, in the scores too.
+    weights
+        ``(2 radius + 1, n)`` float32, the window, with `LANES` zeros before and at least as many after each row.
+        Only pixels of the same segment count, and only where x + d lies inside the main view.
+    scratch
+        float32, twice as many as the weights.
     """
-    height, width = segments.shape
-    disparities = volume.shape[2]
-    radius = weights.shape[0] // 2
-    count = candidates.shape[2]
-    flat = volume.reshape(-1)
-    tap_base = np.empty(weights.size, dtype=np.int64)
-    tap_column = np.empty(weights.size, dtype=np.int64)
-    tap_weight = np.empty(weights.size, dtype=np.float32)
-    total = np.empty(count, dtype=np.float32)
-    for y in range(scores.shape[0]):
-        row = y + start
+    height, width, count = candidates.shape
+    plane_size = tiles[0].size
+    tile_size = TILE_ROWS * LANES
+    tile_columns = tiles.shape[2]
+    similarity, label, weight = pointer(tiles, 0), pointer(labels, 0), pointer(weights, 0)
+    columns, sums = weights.size, 2 * weights.size - LANES  # where they begin in the scratch memory
+    own_weights = pointer(scratch, 0)
+    places = np.empty(weights.size // LANES, dtype=np.int64)
+    zero = splat(np.float32(0))
+    for y in range(height):
         for x in range(width):
             found = candidates[y, x]
             out = scores[y, x]
             out[:] = -1.0
             filled = 0
-            furthest = 0
             while filled < count and found[filled] >= 0:
-                furthest = max(furthest, found[filled])
                 filled += 1
             if filled == 0:
                 continue
-            own = segments[row, x]
-            taps = 0
-            weight_sum = np.float32(0.0)
-            left = max(0, x - radius)
-            right = min(width - 1, x + radius)
-            for yy in range(max(0, row - radius), min(height, row + radius + 1)):
-                base = ((yy - row + y + offset) * width) * disparities
-                for xx in range(left, right + 1):
-                    if segments[yy, xx] == own:
-                        w = weights[yy - row + radius, xx - x + radius]
-                        tap_base[taps] = base + xx * disparities
-                        tap_column[taps] = xx
-                        tap_weight[taps] = w
-                        weight_sum += w
-                        taps += 1
-            if right + furthest < width:
-                for k in range(filled):
-                    total[k] = 0.0
-                for t in range(taps):
-                    base = tap_base[t]
-                    w = tap_weight[t]
-                    for k in range(filled):
-                        total[k] += w * np.float32(flat[base + found[k]])
-                for k in range(filled):
-                    out[k] = total[k] / weight_sum
-            else:  # some taps of some candidates fall outside the main view
-                for k in range(filled):
-                    d = found[k]
-                    value = np.float32(0.0)
-                    norm = np.float32(0.0)
-                    for t in range(taps):
-                        if tap_column[t] + d < width:
-                            value += tap_weight[t] * np.float32(flat[tap_base[t] + d])
-                            norm += tap_weight[t]
-                    out[k] = value / norm
+            # The window as vectors of the tiles, those without a pixel of the segment left out.
+            own = labels[y + radius, x + margin]
+            left = x + margin - radius
+            first, last = left // LANES, (x + margin + radius) // LANES
+            blocks = 0
+            for tile in range(first, last + 1):
+                column_sum = zero
+                shift = LANES + tile * LANES - left
+                for row in range(2 * radius + 1):
+                    place = (y + row) * labels.shape[1] + tile * LANES
+                    w = where_labelled(label, place, own, load(weight, row * weights.shape[1] + shift))
+                    if any_positive(w):
+                        store(own_weights, blocks * LANES, w)
+                        similarity_row = y + offset + row - radius
+                        number = similarity_row // TILE_ROWS * tile_columns + tile
+                        places[blocks] = number * tile_size + similarity_row % TILE_ROWS * LANES
+                        column_sum = column_sum + w
+                        blocks += 1
+                store(own_weights, columns + (tile - first) * LANES, column_sum)
+            whole = np.float32(0)
+            for j in range((last + 1 - first) * LANES):
+                whole += scratch[columns + j]
+            for k in range(0, filled, 4):
+                a = found[k] * plane_size
+                b = found[min(k + 1, filled - 1)] * plane_size
+                c = found[min(k + 2, filled - 1)] * plane_size
+                e = found[min(k + 3, filled - 1)] * plane_size
+                sum_a = sum_b = sum_c = sum_e = zero
+                for n in range(blocks):
+                    w = load(own_weights, n * LANES)
+                    at = places[n]
+                    sum_a = sum_a + w * load_bytes(similarity, a + at)
+                    sum_b = sum_b + w * load_bytes(similarity, b + at)
+                    sum_c = sum_c + w * load_bytes(similarity, c + at)
+                    sum_e = sum_e + w * load_bytes(similarity, e + at)
+                # Lanes are summed for all four at once.
+                sum_a = even_lanes(sum_a, sum_b) + odd_lanes(sum_a, sum_b)
+                sum_c = even_lanes(sum_c, sum_e) + odd_lanes(sum_c, sum_e)
+                sum_a = even_lanes(sum_a, sum_c) + odd_lanes(sum_a, sum_c)
+                sum_a = even_lanes(sum_a, sum_a) + odd_lanes(sum_a, sum_a)
+                store(own_weights, sums, even_lanes(sum_a, sum_a) + odd_lanes(sum_a, sum_a))
+                for i in range(min(4, filled - k)):
+                    beyond = width - found[k + i] + margin  # the first column without a partner
+                    norm = whole
+                    if beyond <= x + margin + radius:
+                        norm = np.float32(0)
+                        for j in range(beyond - first * LANES):
+                            norm += scratch[columns + j]
+                    out[k + i] = scratch[sums + i] / norm
+
+
+@kernel
+def best_candidates(scores, candidates, winner):
+    """Fill ``winner[y, x]`` with the candidate of highest score, ties to the smaller one; -1 if there is none."""
+    height, width, count = candidates.shape
+    for y in range(height):
+        for x in range(width):
+            best, highest = candidates[y, x, 0], scores[y, x, 0]
+            for k in range(1, count):
+                d, score = candidates[y, x, k], scores[y, x, k]
+                if d >= 0 and (best < 0 or score > highest or (score == highest and d < best)):
+                    best, highest = d, score
+            winner[y, x] = best
 
 
 @kernel

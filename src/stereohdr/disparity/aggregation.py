@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereohdr.config import AggregationConfig
-from stereohdr.disparity._kernels import aggregate_rows
+from stereohdr.disparity._kernels import TILE_ROWS, aggregate_rows, best_candidates, fill_tiles
+from stereohdr.float_vectors import LANES
 
 
 def support_weights(config: AggregationConfig) -> NDArray[np.float32]:
@@ -33,7 +34,7 @@ def aggregate_in_segments(
     similarity
         ``(rows, W, D)`` uint8.
     segments
-        ``(H, W)`` int32, G_a, the whole image.
+        ``(H, W)`` int32, not negative, G_a, the whole image.
     candidates
         ``(h, W, K)`` int16 from `select_candidates`.
     first_image_row, first_row
@@ -48,10 +49,27 @@ def aggregate_in_segments(
     be outside the main view are left out of the mean.
     """
     config = config or AggregationConfig()
+    # Windows are taken as whole vectors, and so everything has margins.
+    radius, side = config.radius, 2 * config.radius + 1
+    weights = np.pad(support_weights(config), ((0, 0), (LANES, LANES + -side % LANES)))
+    rows, width, disparities = similarity.shape
+    margin = _whole_vectors(radius)
+    tile_shape = (-(-rows // TILE_ROWS), _whole_vectors(width + 2 * margin) // LANES, TILE_ROWS, LANES)
+    tiles = np.zeros((disparities, *tile_shape), dtype=np.uint8)
+    fill_tiles(similarity, margin, tiles)
+    labels = np.full((len(candidates) + 2 * radius, tile_shape[1] * LANES), -1, dtype=np.int32)
+    first, last = max(first_image_row - radius, 0), first_image_row + len(candidates) + radius
+    inside = segments[first:last]
+    top = first - (first_image_row - radius)
+    labels[top : top + len(inside), margin : margin + width] = inside
+    scratch = np.empty(2 * weights.size, dtype=np.float32)
     scores = np.empty(candidates.shape, dtype=np.float32)
-    weights = support_weights(config)
-    aggregate_rows(similarity, segments, candidates, weights, first_image_row, first_row, scores)
+    aggregate_rows(tiles, margin, labels, candidates, weights, radius, first_row, scratch, scores)
     return scores
+
+
+def _whole_vectors(count: int) -> int:
+    return -(-count // LANES) * LANES
 
 
 def winner_takes_all(scores: NDArray[np.float32], candidates: NDArray[np.int16]) -> NDArray[np.int16]:
@@ -59,8 +77,6 @@ def winner_takes_all(scores: NDArray[np.float32], candidates: NDArray[np.int16])
 
     -1 where a pixel has no candidate.
     """
-    best = scores.max(axis=2, keepdims=True)
-    none = np.int16(np.iinfo(np.int16).max)
-    tied = np.where((scores == best) & (candidates >= 0), candidates, none)
-    winner = tied.min(axis=2)
-    return np.where(winner == none, np.int16(-1), winner)
+    winner = np.empty(candidates.shape[:2], dtype=np.int16)
+    best_candidates(scores, candidates, winner)
+    return winner

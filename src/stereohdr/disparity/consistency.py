@@ -42,9 +42,8 @@ def consistent_share(
     images reach about 0.3 to 0.5 by chance.
     """
     width = main.shape[1]
-    similarity = similarity_volume(
-        census_transform(auxiliary), census_transform(main), max_disparity=max_disparity
-    )
+    codes = [census_transform(view, threads=1) for view in (auxiliary, main)]
+    similarity = similarity_volume(codes[0], codes[1], max_disparity=max_disparity)
     score = _box_sum(_box_sum(similarity.astype(np.uint16), axis=0), axis=1)
     of_auxiliary = score.argmax(axis=2)
     seen_from_main = np.zeros_like(score)

@@ -13,7 +13,7 @@ from stereohdr.model import Disparity, DisparityFlag
 from stereohdr.strips import run_strips
 
 STRIP_BYTES = 64 * 2**20
-"""Similarity volume that one thread holds at a time, as far as `STRIP_ROWS` allows."""
+"""Similarity that one thread holds at a time, in both layouts, as far as `STRIP_ROWS` allows."""
 
 STRIP_ROWS = (16, 48)
 """Fewest and most rows matched at a time, without the margin."""
@@ -83,7 +83,7 @@ def estimate_disparity(
         winner[start:stop] = winner_takes_all(scores, found)
 
     fewest, most = STRIP_ROWS
-    affordable = STRIP_BYTES // (width * (max_disparity + 1)) - 2 * margin
+    affordable = STRIP_BYTES // (2 * width * (max_disparity + 1)) - 2 * margin
     run_strips(task, height, strip_rows=min(max(affordable, fewest), most), threads=threads)
     flags = np.where(winner >= 0, DisparityFlag.MATCHED, DisparityFlag.NOT_COMPUTED).astype(np.uint8)
     return Disparity(np.maximum(winner, 0).astype(np.float32), flags)
