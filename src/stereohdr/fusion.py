@@ -18,6 +18,7 @@ def weight_map(
     guide: NDArray[np.float32],
     *,
     config: DomainTransformConfig | None = None,
+    threads: int | None = None,
 ) -> NDArray[np.float32]:
     """Smooth the map S without crossing edges of the main view.
 
@@ -29,13 +30,15 @@ def weight_map(
         ``(H, W, C)`` float32, main radiance in the units of `DomainTransformConfig.range_sigma`.
     config
         Edge-preserving filter.
+    threads
+        Threads to use; does not change the result.
 
     Returns
     -------
     ``(H, W)`` float32, W in 0..1. Source: paper Figure 13.
     """
-    smooth = edge_preserving_filter(exposure_map[..., None].astype(np.float32), guide, config=config)[..., 0]
-    smooth = np.clip(smooth, 0.0, 1.0)
+    rough = exposure_map[..., None].astype(np.float32)
+    smooth = np.clip(edge_preserving_filter(rough, guide, config=config, threads=threads)[..., 0], 0.0, 1.0)
     return np.where(smooth < NEGLIGIBLE_WEIGHT, np.float32(0.0), smooth)
 
 

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from stereohdr.config import DomainTransformConfig
 from stereohdr.restoration import edge_preserving_filter
-from stereohdr.restoration._kernels import recursive_pass
+from stereohdr.restoration._kernels import pass_across, pass_down
 
 from reference import restoration as twin
 
@@ -13,12 +13,17 @@ from reference import restoration as twin
 @given(
     seed=st.integers(0, 100), height=st.integers(1, 8), width=st.integers(1, 8), channels=st.sampled_from([1, 3])
 )
-def test_pass_equals_the_twin(seed, height, width, channels):
+def test_passes_equal_the_twin(seed, height, width, channels):
     rng = np.random.default_rng(seed)
     image = rng.random((height, width, channels)).astype(np.float32)
     across, down = rng.random((2, height, width)).astype(np.float32)
     got, expected = image.copy(), image.astype(np.float64)
-    recursive_pass(got, across, down)
+    middle = height // 2
+    for start, stop in ((0, middle), (middle, height)):
+        pass_across(got, across[start:stop], start)
+    middle = width // 2
+    for start, stop in ((0, middle), (middle, width)):
+        pass_down(got, np.ascontiguousarray(down[:, start:stop]), start)
     twin.recursive_pass(expected, across, down)
     np.testing.assert_allclose(got, expected, rtol=1e-4, atol=1e-6)
 
@@ -72,3 +77,11 @@ def test_on_a_wrong_radiance_scale_the_filter_is_the_identity(scale):
     guide = rng.uniform(0.002, 0.006, (20, 20, 3)).astype(np.float32) * np.float32(scale)
     image = rng.random((20, 20, 3)).astype(np.float32)
     np.testing.assert_allclose(edge_preserving_filter(image, guide), image, atol=2e-2)
+
+
+@pytest.mark.parametrize("threads", [2, 3])
+def test_the_same_bytes_for_any_number_of_threads(threads):
+    rng = np.random.default_rng(3)
+    image, guide = rng.random((2, 150, 140, 3)).astype(np.float32)
+    one = edge_preserving_filter(image, guide, threads=1)
+    assert one.tobytes() == edge_preserving_filter(image, guide, threads=threads).tobytes()

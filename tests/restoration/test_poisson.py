@@ -1,6 +1,7 @@
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy import ndimage
 
 from stereohdr.restoration import poisson_edit
 
@@ -23,6 +24,33 @@ def test_equals_a_dense_solve_of_the_definition(seed, height, width, channels):
     np.testing.assert_allclose(got[solved], expected[solved], rtol=1e-4, atol=1e-5)
     rest = ~holes
     np.testing.assert_array_equal(got[rest], filled[rest])
+
+
+def large_case(channels):
+    """Views with ragged holes; radiance over four decades."""
+    rng = np.random.default_rng(1)
+    noise = ndimage.gaussian_filter(rng.standard_normal((40, 50)), 2)
+    holes = noise > np.quantile(noise, 0.4)
+    valid = ~holes & (rng.random(holes.shape) < 0.7)
+    main, filled = (10 ** rng.uniform(-2, 2, (2, 40, 50, channels))).astype(np.float32)
+    return filled, valid, holes, main
+
+
+def test_a_large_hole_equals_a_dense_solve_to_rounding():
+    filled, valid, holes, main = large_case(2)
+    got, unbounded = poisson_edit(filled, valid, holes, main)
+    solved = holes & ~unbounded
+    assert solved.sum() > 1000
+    expected = twin.poisson_edit(filled, valid, solved, main)
+    largest = np.abs(filled - main)[valid].max()
+    np.testing.assert_allclose(got[solved], expected[solved], rtol=1e-6, atol=2e-7 * largest)
+
+
+def test_the_same_bytes_for_any_number_of_threads():
+    case = large_case(3)
+    one = poisson_edit(*case, threads=1)[0]
+    for threads in (2, 3, None):
+        assert one.tobytes() == poisson_edit(*case, threads=threads)[0].tobytes()
 
 
 def test_an_offset_of_the_boundary_moves_the_main_views_texture():

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+
 import numpy as np
 
 from stereohdr.config import PaperConfig
@@ -13,6 +16,7 @@ from stereohdr.response import estimate_response
 from stereohdr.restoration import edge_preserving_filter, fill_holes, poisson_edit, reject_uncertain
 from stereohdr.segmentation import auxiliary_interest, main_interest, segment_photo
 from stereohdr.stage_log import StageLog
+from stereohdr.strips import available_threads
 from stereohdr.warping import warp_forward
 
 
@@ -44,8 +48,9 @@ def fuse_paper(
         log.keep(exposure_map=S)
 
     with log.stage("segmentation"):  # G_m, G_a
-        G_m, cells_m = segment_photo(main, lattice=config.lattice, merging=config.merging)
-        G_a, cells_a = segment_photo(auxiliary, lattice=config.lattice, merging=config.merging)
+        segment = partial(segment_photo, lattice=config.lattice, merging=config.merging)
+        with ThreadPoolExecutor(min(threads or available_threads(), 2)) as pool:
+            (G_m, cells_m), (G_a, cells_a) = pool.map(segment, (main, auxiliary))
         log.keep(main_superpixels=cells_m, auxiliary_superpixels=cells_a)
         log.keep(main_segments=G_m, auxiliary_segments=G_a)
 
@@ -85,18 +90,18 @@ def fuse_paper(
     with log.stage("edge-preserving filter"):  # R_a^e
         guide = R_m / np.float32(1000)  # the filter's sigma_r is meant for exposure per millisecond
         known = np.where((valid | holes)[..., None], R_h, R_m)  # what is undefined must not bleed into holes
-        smooth = edge_preserving_filter(known, guide, config=config.edge_filter)
+        smooth = edge_preserving_filter(known, guide, config=config.edge_filter, threads=threads)
         R_e = np.where(holes[..., None], smooth, R_h)
         log.keep(filtered=R_e)
 
     with log.stage("Poisson editing"):  # R_a^f
         R_f, unbounded = R_e, np.zeros_like(holes)
         if config.poisson.enabled:
-            R_f, unbounded = poisson_edit(R_e, valid, holes, R_m)
+            R_f, unbounded = poisson_edit(R_e, valid, holes, R_m, threads=threads)
         log.keep(restored=R_f)
 
     with log.stage("fusion"):  # W, R
-        wanted = weight_map(S, guide, config=config.edge_filter)
+        wanted = weight_map(S, guide, config=config.edge_filter, threads=threads)
         defined = valid | (holes & ~unbounded)
         W = np.where(defined, wanted, np.float32(0.0))
         R = blend(R_m, R_f, W, lowest=np.minimum(R_m.min(axis=(0, 1)), R_a.min(axis=(0, 1))))

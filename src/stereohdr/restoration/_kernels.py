@@ -101,33 +101,44 @@ def fill_from_nearest(segments, valid, hole, source):
 
 
 @kernel
-def recursive_pass(image, across, down):
-    """Filter ``image``, ``(H, W, C)`` float32, in place: rows forth and back, then columns forth and back.
+def pass_across(image, feedback, start):
+    """Filter rows of ``image``, ``(H, W, C)`` float32, in place, forth and back.
 
-    ``across[y, x]`` is the feedback between columns x - 1 and x, ``down[y, x]`` between rows y - 1 and y;
-    both ``(H, W)`` float32.
+    ``feedback[i, x]``, ``(rows, W)`` float32, is that between columns x - 1 and x of row start + i.
     """
-    height, width, channels = image.shape
+    _, width, channels = image.shape
     one = np.float32(1.0)
-    for y in range(height):
+    for i in range(feedback.shape[0]):
+        y = start + i
         for x in range(1, width):
-            v = across[y, x]
+            v = feedback[i, x]
             for c in range(channels):
                 image[y, x, c] = (one - v) * image[y, x, c] + v * image[y, x - 1, c]
         for x in range(width - 2, -1, -1):
-            v = across[y, x + 1]
+            v = feedback[i, x + 1]
             for c in range(channels):
                 image[y, x, c] = (one - v) * image[y, x, c] + v * image[y, x + 1, c]
+
+
+@kernel
+def pass_down(image, feedback, start):
+    """Filter columns of ``image``, ``(H, W, C)`` float32, in place, forth and back.
+
+    ``feedback[y, j]``, ``(H, columns)`` float32, is that between rows y - 1 and y of column start + j.
+    """
+    height, _, channels = image.shape
+    columns = feedback.shape[1]
+    one = np.float32(1.0)
     for y in range(1, height):
-        for x in range(width):
-            v = down[y, x]
+        for j in range(columns):
+            v = feedback[y, j]
             for c in range(channels):
-                image[y, x, c] = (one - v) * image[y, x, c] + v * image[y - 1, x, c]
+                image[y, start + j, c] = (one - v) * image[y, start + j, c] + v * image[y - 1, start + j, c]
     for y in range(height - 2, -1, -1):
-        for x in range(width):
-            v = down[y + 1, x]
+        for j in range(columns):
+            v = feedback[y + 1, j]
             for c in range(channels):
-                image[y, x, c] = (one - v) * image[y, x, c] + v * image[y + 1, x, c]
+                image[y, start + j, c] = (one - v) * image[y, start + j, c] + v * image[y + 1, start + j, c]
 
 
 @kernel

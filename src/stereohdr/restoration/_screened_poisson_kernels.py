@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 
 from stereohdr.float_vectors import (
     LANES,
+    any_positive,
     even_lanes,
     first_zipped,
     larger,
@@ -775,21 +776,76 @@ def equation(strip, plane, width, j):
 
 
 @kernel
-def assemble(grids, strip_array, plane, width, top, rows, bounded):
-    """Write rows of the system, from row `top` of the image on, into the finest grid.
+def assemble(grids, free, images, lower, corner, strip, first, last, bounded):
+    """Write rows of the system of the free pixels, for what is to be added to an image, into the finest grid.
 
-    The strip holds planes of rows: free or not (1 or 0), image, data, data_weight, gradient_x, gradient_y,
-    weight_x, weight_y and, with bounds, lower. They begin with the row before, and a row with `LANES` columns
-    before the image. The right-hand side and the bounds are those of what is to be added to the image.
+    Parameters
+    ----------
+    free
+        ``(height, width)`` bool, of the window.
+    images
+        Seven ``(H, W)`` float32: the image, data, data_weight, gradient_x, gradient_y, weight_x and weight_y, of
+        which the last column and the last row of the window count as 0.
+    lower
+        The bounds, ``(H, W)`` float32, anything when not `bounded`.
+    corner
+        Row and column at which the window begins.
+    strip
+        ``(9, rows + 2, n)`` float32, scratch memory of 0, n at least twice the finest stride and a vector.
+    first, last
+        The first row of the window to write, and the one after the last.
     """
     level = level_of(grids, FINEST, bounded, NO)
-    strip = pointer(strip_array, START)
+    planes, plane_rows, strip_width = strip.shape
+    plane = plane_rows * strip_width
+    height, width = free.shape
+    start = pointer(strip, START)
+    for top in range(first, last, plane_rows - 2):
+        rows = min(plane_rows - 2, last - top)
+        for k in range(plane_rows):
+            y = top + k - 1
+            if 0 <= y < height and k < rows + 2:
+                copy_row(free, y, 0, width, strip[0, k])
+                for number in range(7):
+                    copy_row(images[number], corner[0] + y, corner[1], width, strip[1 + number, k])
+                if bounded:
+                    copy_row(lower, corner[0] + y, corner[1], width, strip[8, k])
+                strip[6, k, LANES + width - 1] = 0
+                if y == height - 1:
+                    strip[7, k] = 0
+            else:
+                for number in range(planes):
+                    strip[number, k] = 0
+        write_rows(level, start, plane, strip_width, top, rows)
+
+
+@inner
+def copy_row(source, y, left, width, row):
+    """Copy a part of a row of an image behind the first vector of a row of a strip."""
+    part = source[y, left : left + width]
+    target = row[LANES : LANES + width]
+    for x in range(width):
+        target[x] = part[x]
+
+
+@inner
+def write_rows(level, strip, plane, width, top, rows):
+    """Write rows of the system, from row `top` of the window on.
+
+    The strip holds planes of rows: free or not (1 or 0), the images, and the bounds. They begin with the row
+    before, and a row with `LANES` columns before the window. The right-hand side and the bounds are those of what
+    is to be added to the image.
+    """
+    zero = splat(np.float32(0))
     for y in range(rows):
         at = row_start(level, top + y + 1, EVEN)
         for k in range(0, level.columns, LANES):
             i = at + k
             j = (y + 1) * width + LANES + 2 * k
-            low, high = equation(strip, plane, width, j), equation(strip, plane, width, j + LANES)
+            if any_positive(load(strip, j)) or any_positive(load(strip, j + LANES)):
+                low, high = equation(strip, plane, width, j), equation(strip, plane, width, j + LANES)
+            else:
+                low = high = (zero, zero, zero, zero, zero)
             put(level, level.rhs, i, low[0], high[0])
             put(level, level.screen, i, low[1], high[1])
             put(level, level.inverse, i, low[2], high[2])

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage, sparse
-from scipy.sparse.linalg import splu
+from scipy import ndimage
+
+from stereohdr.restoration.screened_poisson import solve_screened_poisson
+from stereohdr.strips import available_threads
+
+ACCURACY = 3e-8
+"""Error of the membrane relative to the largest difference at the boundary: about what float32 can tell."""
 
 
 def poisson_edit(
@@ -15,6 +21,8 @@ def poisson_edit(
     valid: NDArray[np.bool_],
     holes: NDArray[np.bool_],
     main: NDArray[np.float32],
+    *,
+    threads: int | None = None,
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
     """Replace the holes by the radiance whose gradient is nearest the main view's.
 
@@ -28,6 +36,8 @@ def poisson_edit(
         ``(H, W)`` bool, Omega, disjoint from `valid`.
     main
         ``(H, W, C)`` float32, R_m^i, whose gradient is the guidance.
+    threads
+        Threads to use, one per channel at most; does not change the result.
 
     Returns
     -------
@@ -40,44 +50,45 @@ def poisson_edit(
     -----
     Four-connected; no flux across the image border nor towards pixels that are neither hole nor valid. With
     u = R_a^f - R_m^i equation 11 is Laplace's equation: u is the membrane through the differences at the
-    boundary. One sparse factorisation serves all channels.
+    boundary.
     """
     unbounded = holes & ~_touches(holes, valid)
     unknown = holes & ~unbounded
     edited = filled.copy()
     edited[unbounded] = main[unbounded]
-    count = int(unknown.sum())
-    if count == 0:
+    if not unknown.any():
         return edited, unbounded
+    nothing = np.zeros(unknown.shape, dtype=np.float32)
+    links = _links(unknown | valid)
+
+    def edit(channel: int) -> None:
+        difference = np.where(valid, filled[..., channel] - main[..., channel], np.float32(0))
+        membrane = solve_screened_poisson(
+            unknown,
+            difference,
+            data=nothing,
+            data_weight=nothing,
+            gradient_x=nothing,
+            gradient_y=nothing,
+            weight_x=links[0],
+            weight_y=links[1],
+            tolerance=ACCURACY * float(np.abs(difference).max()),
+            threads=1,
+        )
+        edited[unknown, channel] = main[unknown, channel] + membrane[unknown]
 
     channels = main.shape[2]
-    index = np.full(unknown.shape, -1, dtype=np.int64)
-    index[unknown] = np.arange(count)
-    difference = filled.astype(np.float64) - main
-    degree = np.zeros(count)
-    right = np.zeros((count, channels))
-    rows, columns = [], []
-    for here, there in _neighbour_views(unknown.ndim):
-        own, other = index[here], index[there]
-        linked = (own >= 0) & (other >= 0)
-        rows.append(own[linked])
-        columns.append(other[linked])
-        degree[own[linked]] += 1.0
-        bounded = (own >= 0) & valid[there]
-        degree[own[bounded]] += 1.0
-        right[own[bounded]] += difference[there][bounded]
-    row, column = np.concatenate(rows), np.concatenate(columns)
-    matrix = sparse.csc_matrix(
-        (
-            np.concatenate([degree, np.full(row.size, -1.0)]),
-            (np.concatenate([np.arange(count), row]), np.concatenate([np.arange(count), column])),
-        ),
-        shape=(count, count),
-    )
-    factor = splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
-    membrane = factor.solve(right)
-    edited[unknown] = (main[unknown] + membrane).astype(np.float32)
+    with ThreadPoolExecutor(min(threads or available_threads(), channels)) as pool:
+        list(pool.map(edit, range(channels)))
     return edited, unbounded
+
+
+def _links(known: NDArray[np.bool_]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return 1 where a pixel and the next one in its row, and in its column, are known, else 0."""
+    along, down = (np.zeros(known.shape, dtype=np.float32) for _ in range(2))
+    along[:, :-1] = known[:, :-1] & known[:, 1:]
+    down[:-1] = known[:-1] & known[1:]
+    return along, down
 
 
 def _neighbour_views(dimensions: int) -> list[tuple[tuple[slice, ...], tuple[slice, ...]]]:

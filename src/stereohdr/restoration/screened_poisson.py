@@ -15,6 +15,9 @@ from stereohdr.strips import run_strips
 STRIP_ROWS = 32
 """Rows of the image that are turned into equations at a time."""
 
+TASK_ROWS = 16 * STRIP_ROWS
+"""Rows that a thread turns into equations before it asks for more."""
+
 MOST_ITERATIONS = 1000
 """Of conjugate gradients; ten to thirty are usual."""
 
@@ -99,10 +102,46 @@ def solve_screened_poisson(
     result = np.array(fixed, dtype=np.float32, order="C")
     if domain.any():
         window = _window(domain)
-        images, bounds = [image[window] for image in images], [bound[window] for bound in bounds]
-        _check(domain[window], images, bounds)
-        _solve(np.ascontiguousarray(domain[window]), result[window], images, bounds, tolerance, threads)
+        _check(domain[window], [image[window] for image in images], [bound[window] for bound in bounds])
+        _solve(_Problem(window, np.ascontiguousarray(domain[window]), result, images, bounds, threads), tolerance)
     return result
+
+
+class _Problem:
+    """What is to be solved: a window of images, of which only that is looked at."""
+
+    def __init__(
+        self,
+        window: tuple[slice, slice],
+        free: NDArray[np.bool_],
+        result: NDArray[np.float32],
+        images: list[NDArray[np.float32]],
+        bounds: list[NDArray[np.float32]],
+        threads: int | None,
+    ) -> None:
+        self.free = free
+        """The pixels to solve for, of the window."""
+        self.image = result[window]
+        """The solution so far, a view of the result."""
+        self.bounds = [bound[window] for bound in bounds]
+        """Lower bounds, or none."""
+        self.data = images[0][window]
+        self.grids = _allocate(*free.shape, bounded=bool(bounds))
+        self._planes = tuple(np.ascontiguousarray(plane, dtype=np.float32) for plane in (result, *images))
+        self._lower = np.ascontiguousarray(bounds[0], dtype=np.float32) if bounds else self._planes[0]
+        self._corner = np.array([part.start for part in window])
+        self._threads = threads
+
+    def assemble(self) -> None:
+        """Write the equations of the free pixels, for what is to be added to the image, into the finest grid."""
+        shape = (len(self._planes) + 2, STRIP_ROWS + 2, 2 * self.grids.table[0, 2] + LANES)
+        inputs = (self.grids, self.free, self._planes, self._lower, self._corner)
+
+        def task(start: int, stop: int) -> None:
+            strip = np.zeros(shape, dtype=np.float32)
+            kernels.assemble(*inputs, strip, start, stop, bool(self.bounds))
+
+        run_strips(task, len(self.free), strip_rows=TASK_ROWS, threads=self._threads)
 
 
 def _window(domain: NDArray[np.bool_]) -> tuple[slice, slice]:
@@ -131,82 +170,59 @@ def _check(
             raise InputError("lower holds inf or nan; give -inf where there is no bound.")
 
 
-def _solve(
-    domain: NDArray[np.bool_],
-    image: NDArray[np.float32],
-    images: list[NDArray[np.float32]],
-    bounds: list[NDArray[np.float32]],
-    tolerance: float,
-    threads: int | None,
-) -> None:
-    """Write the solution into the domain of the image; `images` are data to weight_y, `bounds` lower or empty."""
-    grids = _allocate(*domain.shape, bounded=bool(bounds))
+def _solve(problem: _Problem, tolerance: float) -> None:
+    """Write the solution into the free pixels of the image."""
+    grids, domain, image, bounds = problem.grids, problem.free, problem.image, problem.bounds
     image[domain] = 0
-    _assemble(grids, domain, image, images, bounds, threads)
-    free = domain
+    problem.assemble()
     if kernels.drop_undetermined(grids, grids.direction.view(np.int32)):
         free = np.zeros_like(image)
         _add(free, grids.inverse, grids)
-        free = free > 0
-        lost = domain & ~free
-        image[lost] = _default(*(plane[lost] for plane in (images[0], *bounds)))
+        problem.free = free > 0
+        lost = domain & ~problem.free
+        image[lost] = _default(*(plane[lost] for plane in (problem.data, *bounds)))
     kernels.coarsen(grids)
     if not bounds:
-        _solve_freely(grids, free, image, images, bounds, tolerance, threads)
+        _solve_freely(problem, tolerance)
         return
     # The bounds may change much of the solution, which then need not be known well before.
     _conjugate_gradients(grids, 100 * tolerance)
     _add(image, grids.step, grids)
     if kernels.largest_deficit(grids) == 0:
-        _assemble(grids, free, image, images, bounds, threads)
-        _solve_freely(grids, free, image, images, bounds, tolerance, threads)
+        problem.assemble()
+        _solve_freely(problem, tolerance)
     deficit = kernels.largest_deficit(grids)
-    np.maximum(image, bounds[0], out=image, where=free)
+    np.maximum(image, bounds[0], out=image, where=problem.free)
     if deficit > ENOUGH * tolerance:
-        _heed_bounds(grids, free, image, images, bounds, tolerance, threads)
+        _heed_bounds(problem, tolerance)
 
 
-def _solve_freely(
-    grids: kernels.Grids,
-    free: NDArray[np.bool_],
-    image: NDArray[np.float32],
-    images: list[NDArray[np.float32]],
-    bounds: list[NDArray[np.float32]],
-    tolerance: float,
-    threads: int | None,
-) -> None:
+def _solve_freely(problem: _Problem, tolerance: float) -> None:
     """Improve an image until it is the best, without regard to bounds.
 
     Where little anchors much, rounding errors of the residual move it. So it is taken anew from the image, until
     this moves nothing further than what was left to do.
     """
     for number in range(MOST_ROUNDS):
-        moved = _conjugate_gradients(grids, tolerance if number > 0 else 4 * tolerance)
-        _add(image, grids.step, grids)
+        moved = _conjugate_gradients(problem.grids, tolerance if number > 0 else 4 * tolerance)
+        _add(problem.image, problem.grids.step, problem.grids)
         if moved <= (8 * tolerance if number > 0 else 0):
             return
-        _assemble(grids, free, image, images, bounds, threads)
+        problem.assemble()
     _warn("rounding")
 
 
-def _heed_bounds(
-    grids: kernels.Grids,
-    free: NDArray[np.bool_],
-    image: NDArray[np.float32],
-    images: list[NDArray[np.float32]],
-    bounds: list[NDArray[np.float32]],
-    tolerance: float,
-    threads: int | None,
-) -> None:
+def _heed_bounds(problem: _Problem, tolerance: float) -> None:
     """Improve an image that keeps the bounds until it is the best that does.
 
     In each round, multigrid cycles that heed the bounds tell which pixels stay there; the others are solved for as
     if there were no bounds, and put back above them. Nothing raises the sum that is minimised.
     """
+    grids = problem.grids
     deficit = np.inf
     for number in range(MOST_ROUNDS):
         first = number == 0
-        _assemble(grids, free, image, images, bounds, threads)
+        problem.assemble()
         if number > 1 and max(deficit, kernels.largest_pull(grids)) < ENOUGH * tolerance:
             return
         grids.correction[:] = 0
@@ -223,8 +239,8 @@ def _heed_bounds(
         kernels.coarsen(grids)
         _conjugate_gradients(grids, 10 * tolerance if first else tolerance)
         deficit = kernels.project(grids)
-        _add(image, grids.correction, grids)
-        np.maximum(image, bounds[0], out=image, where=free)
+        _add(problem.image, grids.correction, grids)
+        np.maximum(problem.image, problem.bounds[0], out=problem.image, where=problem.free)
     _warn("the bounds")
 
 
@@ -273,33 +289,6 @@ def _default(data: NDArray[np.float32], lower: NDArray[np.float32] | None = None
     if lower is not None:
         values = np.maximum(values, lower)
     return np.where(np.isfinite(values), values, 0)
-
-
-def _assemble(
-    grids: kernels.Grids,
-    free: NDArray[np.bool_],
-    image: NDArray[np.float32],
-    images: list[NDArray[np.float32]],
-    bounds: list[NDArray[np.float32]],
-    threads: int | None,
-) -> None:
-    """Write the equations of the free pixels, for what is to be added to the image, into the finest grid."""
-    height, width = free.shape
-    planes = [free, image, *images, *bounds]
-    strip_width = 2 * grids.table[0, 2] + LANES
-
-    def assemble_rows(start: int, stop: int) -> None:
-        strip = np.zeros((len(planes), STRIP_ROWS + 2, strip_width), dtype=np.float32)
-        before, after = max(start - 1, 0), min(stop + 1, height)
-        rows = slice(before - start + 1, after - start + 1)
-        for plane, part in zip(planes, strip, strict=True):
-            part[rows, LANES : LANES + width] = plane[before:after]
-        strip[6, :, LANES + width - 1] = 0  # weight_x of the last column
-        if after == height:
-            strip[7, rows.stop - 1] = 0  # weight_y of the last row
-        kernels.assemble(grids, strip.reshape(-1), strip[0].size, strip_width, start, stop - start, bool(bounds))
-
-    run_strips(assemble_rows, height, strip_rows=STRIP_ROWS, threads=threads)
 
 
 def _add(image: NDArray[np.float32], values: NDArray[np.float32], grids: kernels.Grids) -> None:
