@@ -188,6 +188,21 @@ def test_a_photo_keeps_its_own_copy_in_native_byte_order():
         own.codes[0, 0] = 1
 
 
+def test_codes_in_any_order_become_contiguous_and_read_only():
+    for codes in (np.zeros((3, 2, 4), np.uint8).transpose(1, 2, 0), np.zeros((4, 6), np.uint8)[::2, ::-1]):
+        own = Photo(codes, 1.0).codes
+        assert own.flags.c_contiguous
+        assert not own.flags.writeable
+
+
+def test_another_exposure_shares_the_codes():
+    photo = Photo(np.zeros((2, 3), np.uint8), 0.5, iso=100, f_number=8, name="x")
+    other = photo.with_exposure(4.0)
+    assert other.codes is photo.codes
+    assert (other.exposure_time, other.iso, other.f_number, other.name) == (4.0, None, None, "x")
+    assert (photo.exposure_time, photo.iso, photo.f_number) == (0.5, 100, 8)
+
+
 def test_a_pair_is_made_of_photos():
     with pytest.raises(InputError, match="two Photo objects, got a ndarray"):
         StereoPair(photo(), np.zeros((4, 6, 3)))

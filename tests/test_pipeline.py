@@ -1,3 +1,4 @@
+import tracemalloc
 import warnings
 from dataclasses import replace
 
@@ -18,9 +19,11 @@ from stereohdr import (
     StereoHdrWarning,
     StereoPair,
     fuse,
+    pipeline,
 )
 from stereohdr.checks import check_exposure_order, check_views, doubtful_white_level
-from stereohdr.errors import ConfigError, ExposureError, ResponseError
+from stereohdr.errors import ConfigError, ExposureError, MemoryLimitError, ResponseError
+from stereohdr.memory import PROCESS_BYTES
 from stereohdr.methods import available_methods, get_method
 
 from conftest import make_pair
@@ -329,6 +332,44 @@ def test_unknown_methods_and_foreign_configs_are_refused(pair):
         fuse(pair, "magic")
     with pytest.raises(ConfigError, match="takes a PaperConfig, got a FuseConfig"):
         fuse(pair, "paper", FuseConfig())
+
+
+@pytest.mark.parametrize("name", ["paper", "mv-only", "opencv", "lin2009", "sun2010", "baetz2014", "oracle"])
+def test_methods_that_cannot_plan_state_their_need(name):
+    if name == "opencv":
+        pytest.importorskip("cv2")
+    pair = make_pair(300, 400, times=(0.64, 0.04), disparity=9)
+    known = Disparity(np.full((300, 400), 9, np.float32), np.ones((300, 400), np.uint8))
+    options = {
+        "config": get_method(name).config_type(max_disparity=60),
+        "response": ResponseCurve.gamma(2.2),
+        "disparity": known if name == "oracle" else None,
+    }
+    fuse(pair, name, **options)  # compiles, imports, and fills caches
+    tracemalloc.start()
+    fuse(pair, name, **options)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    method = get_method(name)
+    need = 300 * 400 * max(method.pixel_bytes, method.cell_bytes * 61)
+    assert 0.4 * need < peak < 1.05 * need
+    photos = pair.left.codes.nbytes + pair.right.codes.nbytes
+    enough = PROCESS_BYTES + photos + need
+    fuse(pair, name, memory=enough, **options)
+    with pytest.raises(MemoryLimitError, match=rf"^left and right need about .*most of it for method {name}"):
+        fuse(pair, name, memory=enough - 1, **options)
+
+
+def test_the_need_of_a_method_from_elsewhere_may_be_unknown(monkeypatch, pair):
+    unknown = replace(get_method("mv-only"), pixel_bytes=0)
+    monkeypatch.setattr(pipeline, "get_method", lambda name: unknown)
+    assert fuse(pair, "mv-only", memory="1MiB").method == "mv-only"
+
+
+@pytest.mark.parametrize("wrong", ["4 apples", 12, "", True])
+def test_a_memory_limit_is_a_size(pair, wrong):
+    with pytest.raises(ConfigError, match="memory limit"):
+        fuse(pair, memory=wrong)
 
 
 def test_methods_are_found_by_name():

@@ -538,8 +538,8 @@ class ShadowsConfig:
     """How far a noisy pixel without a usable match is drawn to its neighbours, 0 to 1: among them noise and fine
     structure look alike."""
     alone_noise: float = 0.12
-    """Relative noise from which such a pixel is drawn fully, 0 to 10: weaker noise shows less than what is lost with
-    it."""
+    """Relative noise from which such a pixel is drawn fully, 0 to 10: weaker noise shows less than what smoothing
+    takes with it."""
     lowest: float = 0.3
     """The result stays above this share of the darker one of both views, 0 to 1."""
 
@@ -690,7 +690,7 @@ def load_config(config_type: type[ConfigT], path: str | Path) -> ConfigT:
         with open(path, "rb") as file:
             values = tomllib.load(file)
     except OSError as error:
-        raise ConfigError(f"{path}: cannot read the configuration ({error.strerror})") from error
+        raise ConfigError(f"{path}: cannot read the configuration ({error.strerror}); check the name") from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ConfigError(f"{path}: not valid TOML ({error})") from error
     return config_from_mapping(config_type, values, str(path))

@@ -38,6 +38,26 @@ OWN_GROUPS = Path("/proc/self/cgroup")
 """Which of them hold for this process."""
 
 
+PROCESS_BYTES = 256 * 2**20
+"""What the process takes beside what grows with the photos: the interpreter, the packages, compiled kernels."""
+
+
+@dataclass(frozen=True)
+class Budget:
+    """How much memory may be taken.
+
+    Parameters
+    ----------
+    limit
+        Bytes that the process may take in all.
+    held
+        Bytes of these that are taken already and will stay so: the process itself, the photos.
+    """
+
+    limit: int
+    held: int
+
+
 @dataclass(frozen=True)
 class MemoryPlan:
     """How a pair is fused within a limit of memory.
@@ -59,8 +79,16 @@ class MemoryPlan:
     limit: int
     estimate: int
     stage: str
-    strips: int
-    coarse_to_fine: bool
+    strips: int = 1
+    coarse_to_fine: bool = False
+
+    def statistics(self) -> dict[str, float]:
+        """Return what reports say about it: numbers by name."""
+        return {
+            "memory_estimate": float(self.estimate),
+            "matching_strips": float(self.strips),
+            "coarse_to_fine": float(self.coarse_to_fine),
+        }
 
 
 def parse_size(size: str | float) -> int:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
+from copy import copy
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from pathlib import Path
@@ -156,7 +157,8 @@ class Photo:
         white = highest if self.white_level is None else self.white_level
         if not isinstance(white, int | np.integer) or not 3 <= white <= highest:
             raise InputError(f"{self.name}: white level must be 3 to {highest} for {codes.dtype}, got {white}")
-        codes = np.minimum(codes, codes.dtype.type(white))  # a copy: the caller may go on using the array
+        # A copy: the caller may go on using the array.
+        codes = np.ascontiguousarray(np.minimum(codes, codes.dtype.type(white)))
         codes.flags.writeable = False
         for name in ("exposure_time", "f_number", "iso"):
             value = getattr(self, name)
@@ -193,7 +195,7 @@ class Photo:
                 )
             matrix.flags.writeable = False
             object.__setattr__(self, "colour_matrix", matrix)
-        object.__setattr__(self, "codes", np.ascontiguousarray(codes))
+        object.__setattr__(self, "codes", codes)
         object.__setattr__(self, "white_level", int(white))
 
     def __repr__(self) -> str:
@@ -227,6 +229,13 @@ class Photo:
     def linear(self) -> bool:
         """Whether the codes are known to be what a linear sensor delivered (its response needs no estimate)."""
         return self.response is not None
+
+    def with_exposure(self, seconds: float) -> Self:
+        """Return this photo with another effective exposure time; the codes are shared, not copied."""
+        photo = copy(self)
+        for name, value in (("exposure_time", seconds), ("iso", None), ("f_number", None), ("full_scale", None)):
+            object.__setattr__(photo, name, value)
+        return photo
 
     def mirrored(self) -> Self:
         """Return this photo with left and right exchanged."""
@@ -495,7 +504,7 @@ class ResponseCurve:
                 raise KeyError("format")
             return cls(np.array(document["log_exposure"], dtype=np.float64))
         except OSError as error:
-            raise FileFormatError(f"{path}: cannot read the response curve ({error.strerror})") from error
+            raise FileFormatError(f"{path}: cannot read the response curve ({error.strerror}); check the name") from error
         except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
             reason = str(error) if isinstance(error, ResponseError) else "not a stereohdr response file"
             raise FileFormatError(f"{path}: {reason}; write one with ResponseCurve.save") from error

@@ -7,7 +7,7 @@ import warnings
 from dataclasses import replace
 from functools import cache
 from importlib.metadata import version
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -22,7 +22,8 @@ from stereohdr.checks import (
     unusable_view,
 )
 from stereohdr.errors import ConfigError, InputError, ResponseError, StereoHdrError, StereoHdrWarning
-from stereohdr.methods import get_method
+from stereohdr.memory import PROCESS_BYTES, Budget, MemoryPlan, check_plan, memory_limit
+from stereohdr.methods import Method, get_method
 from stereohdr.model import ResponseCurve, StereoPair
 from stereohdr.stage_log import Progress, StageLog
 
@@ -43,6 +44,7 @@ def fuse(
     keep_stages: bool = False,
     checks: bool = True,
     threads: int | None = None,
+    memory: str | float | Budget | None = None,
     progress: Progress | None = None,
 ) -> HdrResult:
     """Make an HDR image from a rectified stereo pair at two exposures.
@@ -66,6 +68,11 @@ def fuse(
         Refuse swapped exposures and exchanged views, and warn of unrelated ones. False trusts the caller.
     threads
         Threads to use, all available by default. The result does not depend on it.
+    memory
+        Most memory that the process may take, in bytes or as text such as ``"4GiB"``; a `Budget` also says what
+        is taken already, beside the pair. Half of what the machine or the container has by default. Method
+        ``robust`` matches in strips where it must, which changes nothing, and large images with many disparities
+        coarse to fine, which may (``coarse_to_fine`` in `HdrResult.statistics` is then 1).
     progress
         Called with the name of each stage as it starts.
 
@@ -83,6 +90,8 @@ def fuse(
         `disparity` has another size than the photos.
     ConfigError
         Unknown method, or a configuration that does not fit the pair.
+    MemoryLimitError
+        The photos need more memory than `memory`; the message says how much.
     ResponseError
         `response` has another channel count, or none is given and the pair does not determine one.
 
@@ -123,6 +132,7 @@ def fuse(
     if disparity is not None and disparity.values.shape != size:
         raise InputError(f"the disparity map has shape {disparity.values.shape}, the photos have {size}")
 
+    budget = _budget(memory, pair)
     log = StageLog(progress=progress, keep_arrays=keep_stages)
     with log.stage("checks"):
         for doubt in (check_same_camera(pair, response), estimated_ratio(pair)):
@@ -142,13 +152,14 @@ def fuse(
             for doubt in (doubtful_white_level((pair.left, pair.right)), check_views(pair)):
                 if doubt is not None:
                     log.warn(doubt)
+    limits = _limits(chosen, pair, config, budget)
     run = chosen.load()
 
     if pair.main == "right":
         pair_left, disparity = pair.mirrored(), disparity and disparity.mirrored()
     else:
         pair_left = pair
-    result = run(pair_left, config, response=response, disparity=disparity, log=log, threads=threads)
+    result = run(pair_left, config, response=response, disparity=disparity, log=log, threads=threads, **limits)
     if not result.response.is_monotone:
         log.warn("the response curve does not rise everywhere; radiance is not reliable where it falls")
     if in_camera_colours:
@@ -178,6 +189,7 @@ def fuse_other_view(
     config: FuseConfig | None = None,
     *,
     threads: int | None = None,
+    memory: str | float | None = None,
     progress: Progress | None = None,
 ) -> HdrResult:
     """Make the HDR image of the other view, too, with the same method and response.
@@ -188,7 +200,7 @@ def fuse_other_view(
         The pair from which `result` was made.
     result
         What `fuse` made of it in its main view.
-    config, threads, progress
+    config, threads, memory, progress
         As for `fuse`.
 
     Returns
@@ -202,7 +214,44 @@ def fuse_other_view(
     """
     other = replace(pair, main="right" if pair.main == "left" else "left")
     response = None if pair.known_response is not None else result.response
-    return fuse(other, result.method, config, response=response, checks=False, threads=threads, progress=progress)
+    return fuse(
+        other,
+        result.method,
+        config,
+        response=response,
+        checks=False,
+        threads=threads,
+        memory=Budget(memory_limit(memory), _result_bytes(result)),
+        progress=progress,
+    )
+
+
+def _budget(memory: str | float | Budget | None, pair: StereoPair) -> Budget:
+    """Return the limit, and what is taken before a method begins."""
+    budget = memory if isinstance(memory, Budget) else Budget(memory_limit(memory), 0)
+    copies = 2 if pair.main == "right" or pair.known_response is not None else 1
+    photos = copies * (pair.left.codes.nbytes + pair.right.codes.nbytes)
+    return replace(budget, held=PROCESS_BYTES + budget.held + photos)
+
+
+def _limits(method: Method, pair: StereoPair, config: FuseConfig, budget: Budget) -> dict[str, Any]:
+    """Return the further arguments of a method that plans its memory; check the need of one that does not."""
+    if method.takes_memory:
+        return {"memory": budget}
+    pixels = pair.left.height * pair.left.width
+    disparities = config.search_range(pair.left.width) + 1
+    need = pixels * max(method.pixel_bytes, method.cell_bytes * disparities)
+    if need:
+        plan = MemoryPlan(budget.limit, budget.held + need, f"method {method.name}")
+        check_plan(plan, f"{pair.left.name} and {pair.right.name}")
+    return {}
+
+
+def _result_bytes(result: HdrResult) -> int:
+    views = [view for view in (result.disparity, result.main_disparity) if view is not None]
+    maps = [array for view in views for array in (view.values, view.flags)]
+    planes = (result.radiance, result.source, result.weight, result.confidence, *maps, *result.stages.values())
+    return sum(plane.nbytes for plane in planes if plane is not None)
 
 
 def _versions() -> dict[str, str]:

@@ -17,6 +17,9 @@ REC709 = np.array([0.2126, 0.7152, 0.0722], dtype=np.float32)
 """Luminance weights for linear radiance."""
 
 
+STRIP_ROWS = 64
+
+
 def initial_radiance(photo: Photo, response: ResponseCurve, *, exposure: float) -> NDArray[np.float32]:
     """Return the initial radiance of one view, ``E = exp(g(z)) / t``.
 
@@ -93,14 +96,17 @@ def common_luminance(pair: StereoPair, response: ResponseCurve) -> tuple[NDArray
     ``(H, W)`` float32 each: the `luminance` of what `clip_to_common_interval` makes of both `initial_radiance`.
     """
     low, high = _common_interval(response, pair.exposures)
-    views = []
-    for photo, time in zip((pair.main_photo, pair.auxiliary_photo), pair.exposures, strict=True):
+    shape = pair.main_photo.codes.shape[:2]
+    views = np.empty(shape, np.float32), np.empty(shape, np.float32)
+    for photo, time, view in zip((pair.main_photo, pair.auxiliary_photo), pair.exposures, views, strict=True):
         table = response.exposure_table(photo.white).astype(np.float32) / np.float32(time)
         table = np.clip(table, low[:, None], high[:, None])
         # Every code has one radiance, so it is weighted before it is looked up.
         weighted = table * REC709[:, None] if photo.channels == 3 else table
-        views.append(_sum([weighted[c][photo.codes[..., c]] for c in range(photo.channels)]))
-    return views[0], views[1]
+        for start in range(0, len(view), STRIP_ROWS):
+            codes = photo.codes[start : start + STRIP_ROWS]
+            view[start : start + STRIP_ROWS] = _sum([weighted[c][codes[..., c]] for c in range(photo.channels)])
+    return views
 
 
 def _common_interval(

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from stereohdr.io.files import atomic_path
+from stereohdr.memory import size_text
 from stereohdr.model import HdrResult, Photo, SourceFlag, StereoPair
 
 RADIANCE_SCALE = "relative: exposure over exposure time in seconds, exposure 1 gives the mid code"
@@ -100,6 +101,16 @@ def rectification_text(report: Mapping[str, Any]) -> str:
     )
 
 
+def memory_text(statistics: Mapping[str, float]) -> str:
+    """Return how a large pair was matched within a limit of memory, see `MemoryPlan.statistics`."""
+    how = (
+        "in strips, coarse to fine"
+        if statistics["coarse_to_fine"]
+        else f"in {statistics['matching_strips']:g} strips"
+    )
+    return f"about {size_text(int(statistics['memory_estimate']))} at most; matched {how}"
+
+
 def write_text(path: str | Path, content: str) -> None:
     """Write a text file, whole or not at all."""
     with atomic_path(path) as temporary:
@@ -150,6 +161,8 @@ def summary(result: HdrResult, pair: StereoPair) -> list[str]:
             f"matched    {percent('matched_share')} of the main view; {percent('occluded_share')} hidden from the "
             f"auxiliary view, {percent('rejected_share')} matched but rejected",
         ]
+    if result.statistics.get("matching_strips", 1) > 1:
+        lines.append(f"memory     {memory_text(result.statistics)}")
     shares = source_shares(result)
     sources = ", ".join(f"{name.replace('_', ' ')} {100 * share:.1f} %" for name, share in shares.items() if share)
     timings = ", ".join(f"{name} {value:.2f}" for name, value in result.seconds.items())

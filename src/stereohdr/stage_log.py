@@ -30,6 +30,11 @@ class StageLog:
         self._progress = progress
         self._keep_arrays = keep_arrays
 
+    @property
+    def keeps_arrays(self) -> bool:
+        """Whether `keep` stores what it is given."""
+        return self._keep_arrays
+
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
         """Time the body of a ``with`` statement under `name`."""

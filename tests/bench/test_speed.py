@@ -100,6 +100,23 @@ def test_large_pairs_are_enlarged(monkeypatch):
     assert pair.left.codes.shape == (101, 150, 3)
 
 
+def test_the_large_case_is_compared_with_a_small_one(monkeypatch):
+    monkeypatch.setattr(speed, "CASES", {"small": TINY, "large": replace(LARGER, options={"memory": "1GiB"})})
+    document = speed.measure_speed(["large"])
+    assert list(document["growth"]) == ["96x72x16", "128x72x32"]
+    assert document["seconds"]["robust-96x72x16"]["turns"] == 2
+    assert set(document["peak_mib"]) == {"robust-96x72x16", "robust-128x72x32"}
+    assert not document["failed"]
+    assert [case.label for case in speed._cases(["small", "large"])] == ["96x72x16", "128x72x32"]
+    assert CASES["large"].options == {"memory": "4GiB"}
+    assert list(benchmark_pairs(TINY, kinds=["shadows"])) == ["shadows"]
+
+
+def test_a_limit_that_is_too_small_is_said(monkeypatch):
+    monkeypatch.setattr(speed, "CASES", {"large": replace(LARGER, options={"memory": "1MiB"})})
+    assert "--memory" in speed.measure_speed(["large"])["failed"]["robust-128x72x32"]
+
+
 def test_turns_are_counted_and_limited():
     calls = []
     work = Work("x", lambda: calls.append(1), most=2)

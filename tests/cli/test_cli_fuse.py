@@ -1,4 +1,5 @@
 import json
+import re
 
 import numpy as np
 import pytest
@@ -119,6 +120,42 @@ def test_response_and_config_files_are_used(files):
     assert json.loads((files / "r.json").read_text())["config"]["max_disparity"] == 8
 
 
+def test_a_memory_limit_that_suffices_changes_nothing_but_is_kept(files):
+    assert run_fuse(files, "-q") == 0
+    assert run_fuse(files, "-q", "--memory", "900MB", "--json", files / "r.json", out="limited.exr") == 0
+    assert (files / "out.exr").read_bytes() == (files / "limited.exr").read_bytes()
+    statistics = json.loads((files / "r.json").read_text())["statistics"]
+    assert 2**28 < statistics["memory_estimate"] < 900e6
+    assert statistics["matching_strips"] == 1
+    assert statistics["coarse_to_fine"] == 0
+
+
+def test_strips_are_said_and_write_the_same_bytes(tmp_path, capsys):
+    pair = make_pair(160, 200)
+    for photo in (pair.left, pair.right):
+        write_png(tmp_path / f"{photo.name}.png", photo.codes)
+    options = ("--max-disparity", 120, "--json", tmp_path / "r.json")
+    assert run_fuse(tmp_path, *options) == 0
+    assert "memory  " not in capsys.readouterr().out
+    limit = int(json.loads((tmp_path / "r.json").read_text())["statistics"]["memory_estimate"] - 4e6)
+    assert run_fuse(tmp_path, *options, "--memory", limit, out="strips.exr") == 0
+    assert re.search(r"\nmemory     about 2\d\dMiB at most; matched in [2-5] strips\n", capsys.readouterr().out)
+    assert (tmp_path / "out.exr").read_bytes() == (tmp_path / "strips.exr").read_bytes()
+    assert run_fuse(tmp_path, "-q", "--both", "--memory", "500MiB", out="both.exr") == 0
+
+
+@pytest.mark.parametrize("method", ["robust", "paper"])
+def test_photos_that_need_more_than_the_limit_are_refused(files, capsys, method):
+    status = run_fuse(files, "--memory", "2MiB", "--method", method)
+    assert_refused(capsys, files, status, "left.png and ", "right.png need about 2", "limit is 2MiB", "--memory 2")
+
+
+@pytest.mark.parametrize("limit", ["4 apples", "12", "-1GiB"])
+def test_a_memory_limit_is_a_size(files, capsys, limit):
+    status = run_fuse(files, "--memory", limit)
+    assert_refused(capsys, files, status, "such as 4GiB", limit)
+
+
 def test_the_same_command_writes_the_same_bytes(files):
     for out in ("a.exr", "b.exr"):
         run_fuse(files, "-q", out=out)
@@ -190,7 +227,7 @@ def test_missing_files(files, capsys):
         (("--max-disparity", "-1"), ("max_disparity",)),
         (("--method", "magic"), ("unknown method 'magic'",)),
         (("--white-level", "256"), ("white level",)),
-        (("--response", "none.json"), ("none.json", "cannot read")),
+        (("--response", "none.json"), ("none.json", "no such file")),
         (("--config", "none.toml"), ("none.toml", "cannot read")),
         (("--preview", "p.jpg"), ("p.jpg", ".png")),
         (("--json", "no/folder/r.json"), ("no/folder", "does not exist")),

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import ndimage
 
-from stereohdr.disparity.vertical_offset import level_rows, vertical_offset
+from stereohdr.disparity.vertical_offset import level_rows, level_strip, rows_behind, vertical_offset
 
 
 def texture(seed, height, width):
@@ -136,6 +136,23 @@ def test_level_rows_by_hand():
     colour = np.stack([image, 2 * image], axis=2)
     np.testing.assert_array_equal(level_rows(colour, 0.25)[..., 1], 2 * level_rows(image, 0.25))
     assert level_rows(image, 0.3).dtype == np.float32
+
+
+@pytest.mark.parametrize("offset", [0.0, 0.25, -0.4, 1.0, -2.6, 40.0, -40.0])
+def test_rows_are_levelled_strip_by_strip(offset):
+    image = np.random.default_rng(0).random((30, 4), dtype=np.float32)
+    expected = level_rows(image, offset)
+    for strip in ((0, 30), (0, 7), (7, 8), (23, 30)):
+        first, stop = rows_behind(strip, offset, 30)
+        assert 0 <= first < stop <= 30
+        assert stop - first <= strip[1] - strip[0] + 1
+        part = level_strip(image[first:stop], offset, strip, 30)
+        np.testing.assert_array_equal(part, expected[slice(*strip)])
+
+
+def test_tall_images_are_levelled_without_seams():
+    image = np.arange(200, dtype=np.float32)[:, None]  # more rows than a strip
+    np.testing.assert_allclose(level_rows(image, 0.25)[:-1, 0], np.arange(199) + 0.25)
 
 
 def test_levelling_by_the_measured_offset_brings_the_rows_together():

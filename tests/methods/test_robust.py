@@ -24,6 +24,7 @@ from stereohdr import (
 from stereohdr.disparity.two_way import given_match
 from stereohdr.disparity.vertical_offset import level_rows
 from stereohdr.radiance import initial_radiance
+from stereohdr.restoration._highlights_kernels import BORROWED
 from stereohdr.simulation import Camera, expose_pair, room
 from stereohdr.warping import warp_backward
 
@@ -438,16 +439,16 @@ def test_the_toe_is_that_of_the_shorter_exposure(monkeypatch, pairs, times):
 def test_nothing_is_borrowed_where_something_nearer_is_seen(monkeypatch, pairs):
     from stereohdr.methods import robust
 
-    usable = []
-    original = robust.restore_highlights
+    sources = []
+    original = robust.restore_logarithms
     monkeypatch.setattr(
-        robust, "restore_highlights", lambda *a, **k: usable.append(a[3].usable) or original(*a, **k)
+        robust, "restore_logarithms", lambda *a, **k: sources.append(a[2].source) or original(*a, **k)
     )
     fuse(pairs[LONG_SHORT])
     monkeypatch.setattr(robust, "hidden", lambda of_main, *rest, **options: np.ones(of_main.values.shape, bool))
     fuse(pairs[LONG_SHORT])
-    assert usable[0].any()
-    assert not usable[1].any()
+    assert (sources[0] == BORROWED).any()
+    assert not (sources[1] == BORROWED).any()
 
 
 def test_no_setting_was_forgotten_above():

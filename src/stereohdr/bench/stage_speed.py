@@ -80,8 +80,13 @@ def paper_calls(pair: StereoPair, disparities: int, threads: int) -> list[StageC
             matching,
             {"max_disparity": disparities - 1, "threads": threads},
         ),
-        StageCall("domain transform", edge_preserving_filter, (R_m, guide)),
-        StageCall("Poisson editing", poisson_edit, (stages["filtered"], valid, stages["holes"], R_m)),
+        StageCall("domain transform", edge_preserving_filter, (R_m, guide), {"threads": threads}),
+        StageCall(
+            "Poisson editing",
+            poisson_edit,
+            (stages["filtered"], valid, stages["holes"], R_m),
+            {"threads": threads},
+        ),
     ]
 
 

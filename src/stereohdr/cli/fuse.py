@@ -112,6 +112,14 @@ def fuse_command(
     threads: Annotated[
         int | None, typer.Option(metavar="N", min=1, help="Threads; the result does not depend on it.")
     ] = None,
+    memory: Annotated[
+        str | None,
+        typer.Option(
+            metavar="LIMIT",
+            help="Most memory to use, such as 4GiB or 800MB; half of the machine's by default. Large photos are "
+            "matched in strips, and very large ones coarse to fine, to keep to it.",
+        ),
+    ] = None,
     checks: Annotated[
         bool, typer.Option(help="Refuse swapped exposures and exchanged views; --no-checks trusts you.")
     ] = True,
@@ -121,6 +129,7 @@ def fuse_command(
     from stereohdr.cli.progress import print_line, show_progress
     from stereohdr.io.files import make_folder
     from stereohdr.io.hdr import check_hdr_path
+    from stereohdr.memory import memory_limit
 
     start = time.perf_counter()
     if estimate_ratio and exposures is not None:
@@ -134,6 +143,7 @@ def fuse_command(
         raise InputError("--unrectify undoes a rectification; give --rectify auto or --calib, too")
     inputs = [left, right, config, response, *(calib or [])]
     check_outputs([output, other_output, preview, json_file], inputs, folder=save_stages)
+    limit = memory_limit(memory)
 
     with show_progress(quiet=quiet) as progress:
         progress("reading")
@@ -179,10 +189,13 @@ def fuse_command(
                 keep_stages=save_stages is not None,
                 checks=checks,
                 threads=threads,
+                memory=limit,
                 progress=at_stage,
             )
             other_result = (
-                fuse_other_view(pair, result, settings, threads=threads, progress=at_stage) if both else None
+                fuse_other_view(pair, result, settings, threads=threads, memory=limit, progress=at_stage)
+                if both
+                else None
             )
         if rectified is not None:
             before = originals if unrectify else None

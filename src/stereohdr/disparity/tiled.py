@@ -31,7 +31,7 @@ LARGEST_STRIP = 2**30
 BLOCK = 32
 """Side of the blocks that share a band, pixels; strips begin at blocks."""
 
-SAMPLED_ROW = 16
+SAMPLED_ROW = 8
 """One of so many rows is matched over all disparities to find the bands."""
 
 SLACK = 16

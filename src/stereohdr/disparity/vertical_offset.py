@@ -17,6 +17,8 @@ POINTS = 600
 FEWEST_POINTS = 40
 """Fewer places with a clear answer say nothing."""
 
+STRIP_ROWS = 64
+
 CLEAR_CORRELATION = 0.8
 """Patches that correlate less are not the same surface."""
 
@@ -101,11 +103,34 @@ def level_rows(image: NDArray[np.float32], offset: float) -> NDArray[np.float32]
     """
     if offset == 0:
         return image
-    height = image.shape[0]
-    position = np.clip(np.arange(height) + offset, 0, height - 1)
+    height = len(image)
+    level = np.empty_like(image)
+    for start in range(0, height, STRIP_ROWS):
+        rows = start, min(start + STRIP_ROWS, height)
+        level[slice(*rows)] = level_strip(image[slice(*rows_behind(rows, offset, height))], offset, rows, height)
+    return level
+
+
+def rows_behind(rows: tuple[int, int], offset: float, height: int) -> tuple[int, int]:
+    """Return the first row, and one past the last, of what `level_rows` makes some rows of an image from."""
+    if offset == 0:
+        return rows
+    first, last = (int(np.clip(np.floor(row + offset), 0, height - 1)) for row in (rows[0], rows[1] - 1))
+    return first, min(last + 2, height)
+
+
+def level_strip(
+    image: NDArray[np.float32], offset: float, rows: tuple[int, int], height: int
+) -> NDArray[np.float32]:
+    """Return some rows of what `level_rows` makes of an image of so many rows, given those of `rows_behind`."""
+    if offset == 0:
+        return image
+    first, _ = rows_behind(rows, offset, height)
+    position = np.clip(np.arange(*rows) + offset, 0, height - 1)
     before = np.floor(position).astype(np.intp)
     share = (position - before).astype(np.float32).reshape(-1, *[1] * (image.ndim - 1))
-    return (1 - share) * image[before] + share * image[np.minimum(before + 1, height - 1)]
+    after = np.minimum(before + 1, height - 1)
+    return np.asarray((1 - share) * image[before - first] + share * image[after - first], dtype=np.float32)
 
 
 def _surroundings(

@@ -58,6 +58,12 @@ class Method:
     """Its configuration dataclass."""
     function: str
     """Where the code is, ``"module:function"``; loaded when the method is used."""
+    takes_memory: bool = False
+    """Whether the function takes ``memory``, a `stereohdr.memory.Budget`, and keeps to it or refuses."""
+    pixel_bytes: int = 0
+    """Of other methods: memory per pixel at most, beside the photos; 0 if unknown, and nothing is refused."""
+    cell_bytes: int = 0
+    """The same per pixel and disparity; the larger of the two counts."""
 
     def load(self) -> MethodFunction:
         """Import and return the function."""
@@ -73,48 +79,57 @@ BUILT_IN = {
             "our own, the default: the paper's stages, each in a form that holds where one view sees little",
             RobustConfig,
             "stereohdr.methods.robust:fuse_robust",
+            takes_memory=True,
         ),
         Method(
             "paper",
             "Park et al., Sensors 2017, to the letter",
             PaperConfig,
             "stereohdr.methods.paper:fuse_paper",
+            pixel_bytes=320,
         ),
         Method(
             "mv-only",
             "the main view alone, for comparison",
             FuseConfig,
             "stereohdr.methods.mv_only:fuse_mv_only",
+            pixel_bytes=80,
         ),
         Method(
             "opencv",
             "what one would script with OpenCV: SGBM, warp, Debevec merge (needs the extra opencv)",
             OpencvConfig,
             "stereohdr.methods.opencv:fuse_opencv",
+            pixel_bytes=140,
         ),
         Method(
             "lin2009",
             "Lin and Chang 2009, a stand-in: the original's inner details are not public",
             Lin2009Config,
             "stereohdr.methods.lin2009:fuse_lin2009",
+            pixel_bytes=200,
+            cell_bytes=6,
         ),
         Method(
             "sun2010",
             "Sun, Mansour and Ward 2010, a stand-in: the original's inner details are not public",
             Sun2010Config,
             "stereohdr.methods.sun2010:fuse_sun2010",
+            pixel_bytes=180,
         ),
         Method(
             "baetz2014",
             "Baetz et al. 2014, a stand-in: the original's inner details are not public",
             Baetz2014Config,
             "stereohdr.methods.baetz2014:fuse_baetz2014",
+            pixel_bytes=210,
         ),
         Method(
             "oracle",
             "the paper's fusion of a known disparity, for comparison",
             OracleConfig,
             "stereohdr.methods.oracle:fuse_oracle",
+            pixel_bytes=320,
         ),
     )
 }

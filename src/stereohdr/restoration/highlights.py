@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import reduce
 
@@ -12,7 +13,7 @@ from stereohdr.config import HighlightsConfig
 from stereohdr.restoration import _highlights_kernels as kernels
 from stereohdr.restoration._highlights_kernels import Terms, Views, Weights
 from stereohdr.restoration.screened_poisson import solve_screened_poisson
-from stereohdr.strips import run_strips
+from stereohdr.strips import available_threads, run_strips
 
 DISTANCE_CLASSES = (2.5, 5.5, 12.5, 25.5)
 """Distances from the rim of a clipped area, pixels, that separate the classes of the prior."""
@@ -29,6 +30,9 @@ LEAST_SPREAD = 0.1
 UNSEEN_SPREAD = 0.5
 
 STRIP_ROWS = 64
+
+SIDE_BY_SIDE_PIXELS = 2**21
+"""Channels of larger images are restored one after the other, to save memory."""
 
 SMALLEST_RISE = 1e-3
 """What would come out less than this (ln) above its clip value keeps it: the solver is not more accurate, and what
@@ -52,6 +56,30 @@ class Evidence:
 
     radiance: NDArray[np.float32]
     usable: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class JointEvidence:
+    """What is known of the auxiliary radiance in the main view's pixels; see `join_evidence`.
+
+    Parameters
+    ----------
+    log_radiance
+        ``(H, W, C)`` float32, its natural logarithm; any number where nothing is known.
+    source
+        ``(H, W, C)`` uint8: 2 where it is measured, 1 where it is borrowed, 0 where nothing is known.
+    """
+
+    log_radiance: NDArray[np.float32]
+    source: NDArray[np.uint8]
+
+
+def join_evidence(measured: Evidence, borrowed: Evidence) -> JointEvidence:
+    """Take what is measured, and what is borrowed where nothing is."""
+    source = np.where(borrowed.usable, np.uint8(kernels.BORROWED), np.uint8(kernels.NOTHING))
+    source[measured.usable] = kernels.MEASURED
+    radiance = np.where(measured.usable, measured.radiance, borrowed.radiance)
+    return JointEvidence(np.log(np.maximum(radiance, np.float32(DARKEST))), source)
 
 
 def restore_highlights(
@@ -92,52 +120,67 @@ def restore_highlights(
     -------
     ``(H, W, C)`` float32. Source: our own; the gradient terms are those of Perez et al. 2003 in log radiance.
     """
+    log_main = np.log(main)
+    restored = log_main.copy()
+    restore_logarithms(restored, clipped, join_evidence(measured, borrowed), config=config, threads=threads)
+    return np.where(restored != log_main, np.exp(restored), main)
+
+
+def restore_logarithms(
+    log_main: NDArray[np.float32],
+    clipped: NDArray[np.bool_],
+    evidence: JointEvidence,
+    *,
+    config: HighlightsConfig | None = None,
+    threads: int | None = None,
+) -> None:
+    """Do what `restore_highlights` does in place, to the logarithm of the radiance: for large images."""
     config = config or HighlightsConfig()
-    result = main.copy()
     if not clipped.any():
-        return result
-    window = _neighbourhood(clipped)
-    near = [Evidence(evidence.radiance[window], evidence.usable[window]) for evidence in (measured, borrowed)]
-    views = _log_views(main[window], clipped[window], *near)
-    for c in range(main.shape[2]):
-        domain, log_main = views.clipped[..., c], views.main[..., c]
+        return
+    rows = _rows_around(clipped)
+    views = Views(
+        np.ascontiguousarray(log_main[rows]),
+        np.ascontiguousarray(clipped[rows]),
+        np.ascontiguousarray(evidence.log_radiance[rows]),
+        np.ascontiguousarray(evidence.source[rows]),
+    )
+    threads = threads or available_threads()
+    at_once = min(threads, log_main.shape[2]) if views.clipped[..., 0].size <= SIDE_BY_SIDE_PIXELS else 1
+
+    def restore(c: int) -> None:
+        domain, log_clip = views.clipped[..., c], views.main[..., c]
         if domain.any():
-            terms = _terms(views, c, config, threads)
-            u = solve_screened_poisson(
-                domain,
-                log_main,
-                data=terms.data,
-                data_weight=terms.data_weight,
-                gradient_x=terms.gradient[0],
-                gradient_y=terms.gradient[1],
-                weight_x=terms.gradient_weight[0],
-                weight_y=terms.gradient_weight[1],
-                lower=log_main,
-                threads=threads,
-            )
-            risen = domain & (u > log_main + np.float32(SMALLEST_RISE))
-            result[window][..., c][risen] = np.exp(u[risen])
-    return result
+            u = _solved(views, c, config, threads if at_once == 1 else 1)
+            risen = domain & (u > log_clip + np.float32(SMALLEST_RISE))
+            # The other channels look at this one only where it is not clipped.
+            log_main[rows][..., c][risen] = u[risen]
+
+    with ThreadPoolExecutor(at_once) as pool:
+        list(pool.map(restore, range(log_main.shape[2])))
 
 
-def _neighbourhood(clipped: NDArray[np.bool_]) -> tuple[slice, slice]:
-    """Return the rows and columns that hold all clipped pixels and their neighbours."""
+def _solved(views: Views, channel: int, config: HighlightsConfig, threads: int | None) -> NDArray[np.float32]:
+    terms, log_clip = _terms(views, channel, config, threads), views.main[..., channel]
+    return solve_screened_poisson(
+        views.clipped[..., channel],
+        log_clip,
+        data=terms.data,
+        data_weight=terms.data_weight,
+        gradient_x=terms.gradient[0],
+        gradient_y=terms.gradient[1],
+        weight_x=terms.gradient_weight[0],
+        weight_y=terms.gradient_weight[1],
+        lower=log_clip,
+        threads=threads,
+    )
+
+
+def _rows_around(clipped: NDArray[np.bool_]) -> slice:
+    """Return the rows that hold all clipped pixels and their neighbours; whole ones need no copy."""
     anywhere = reduce(np.logical_or, np.moveaxis(clipped, 2, 0))  # faster than any() over the channels
-    spans = []
-    for axis in (0, 1):
-        touched = np.flatnonzero(anywhere.any(axis=1 - axis))
-        spans.append(slice(max(int(touched[0]) - 1, 0), int(touched[-1]) + 2))
-    return spans[0], spans[1]
-
-
-def _log_views(
-    main: NDArray[np.float32], clipped: NDArray[np.bool_], measured: Evidence, borrowed: Evidence
-) -> Views:
-    source = np.where(borrowed.usable, np.uint8(kernels.BORROWED), np.uint8(kernels.NOTHING))
-    source[measured.usable] = kernels.MEASURED
-    auxiliary = np.where(measured.usable, measured.radiance, borrowed.radiance)
-    log_auxiliary = np.log(np.maximum(auxiliary, np.float32(DARKEST)))
-    return Views(np.log(main), np.ascontiguousarray(clipped), log_auxiliary, source)
+    touched = np.flatnonzero(anywhere.any(axis=1))
+    return slice(max(int(touched[0]) - 1, 0), int(touched[-1]) + 2)
 
 
 def _terms(views: Views, channel: int, config: HighlightsConfig, threads: int | None) -> Terms:
