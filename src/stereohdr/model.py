@@ -504,7 +504,9 @@ class ResponseCurve:
                 raise KeyError("format")
             return cls(np.array(document["log_exposure"], dtype=np.float64))
         except OSError as error:
-            raise FileFormatError(f"{path}: cannot read the response curve ({error.strerror}); check the name") from error
+            raise FileFormatError(
+                f"{path}: cannot read the response curve ({error.strerror}); check the name"
+            ) from error
         except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
             reason = str(error) if isinstance(error, ResponseError) else "not a stereohdr response file"
             raise FileFormatError(f"{path}: {reason}; write one with ResponseCurve.save") from error
