@@ -1,8 +1,10 @@
+from threading import Event
+
 import numpy as np
 import pytest
 
 from stereohdr.stage_log import StageLog
-from stereohdr.strips import available_threads, run_strips
+from stereohdr.strips import available_threads, run_strips, run_together
 
 
 @pytest.mark.parametrize("threads", [None, 1, 2, 9])
@@ -26,6 +28,26 @@ def test_an_error_in_a_strip_comes_out():
     for threads in (1, 2):
         with pytest.raises(RuntimeError, match="strip"):
             run_strips(task, 4, strip_rows=1, threads=threads)
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_tasks_run_together_and_answer_in_order(threads):
+    reached = Event()
+    seen, nothing, three = run_together(
+        lambda: reached.wait(10 * (threads - 1)), reached.set, lambda: 3, threads=threads
+    )
+    assert (nothing, three) == (None, 3)
+    assert seen == (threads == 2)
+    assert run_together(threads=threads) == []
+
+
+def test_an_error_in_a_task_comes_out():
+    def task():
+        raise RuntimeError("task")
+
+    for threads in (1, 2):
+        with pytest.raises(RuntimeError, match="task"):
+            run_together(int, task, threads=threads)
 
 
 def test_stage_log_keeps_arrays_only_when_asked():

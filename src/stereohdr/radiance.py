@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 
 from stereohdr.config import ExposureMapConfig
 from stereohdr.model import Photo, ResponseCurve, StereoPair
+from stereohdr.strips import run_strips
 
 REC601 = np.array([0.299, 0.587, 0.114], dtype=np.float32)
 """Luma weights for gamma-encoded codes."""
@@ -88,8 +90,19 @@ def clip_to_common_interval(
     return cut
 
 
-def common_luminance(pair: StereoPair, response: ResponseCurve) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def common_luminance(
+    pair: StereoPair, response: ResponseCurve, *, threads: int | None = None
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Return the luminance of the main and the auxiliary view, cut to the radiance that both exposures can see.
+
+    Parameters
+    ----------
+    pair
+        Photos.
+    response
+        Their curve.
+    threads
+        Threads to use; does not change the result.
 
     Returns
     -------
@@ -103,10 +116,17 @@ def common_luminance(pair: StereoPair, response: ResponseCurve) -> tuple[NDArray
         table = np.clip(table, low[:, None], high[:, None])
         # Every code has one radiance, so it is weighted before it is looked up.
         weighted = table * REC709[:, None] if photo.channels == 3 else table
-        for start in range(0, len(view), STRIP_ROWS):
-            codes = photo.codes[start : start + STRIP_ROWS]
-            view[start : start + STRIP_ROWS] = _sum([weighted[c][codes[..., c]] for c in range(photo.channels)])
+        task = partial(_look_up, weighted, photo.codes, view)
+        run_strips(task, len(view), strip_rows=STRIP_ROWS, threads=threads)
     return views
+
+
+def _look_up(
+    tables: NDArray[np.float32], codes: NDArray[np.integer], out: NDArray[np.float32], start: int, stop: int
+) -> None:
+    """Write for rows `start` to `stop` the sum over the channels of what the tables say of the codes."""
+    rows = codes[start:stop]
+    out[start:stop] = _sum([table[rows[..., c]] for c, table in enumerate(tables)])
 
 
 def _common_interval(

@@ -5,6 +5,9 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from typing import TypeVar
+
+ResultT = TypeVar("ResultT")
 
 
 def available_threads() -> int:
@@ -40,3 +43,24 @@ def run_strips(
     with ThreadPoolExecutor(threads) as pool:
         for future in [pool.submit(task, start, stop) for start, stop in strips]:
             future.result()
+
+
+def run_together(*tasks: Callable[[], ResultT], threads: int | None = None) -> list[ResultT]:
+    """Call functions that do not touch each other's data at the same time.
+
+    Parameters
+    ----------
+    tasks
+        What to call. Kernels and NumPy's loops over large arrays release the GIL and run in parallel.
+    threads
+        Threads to use; None takes `available_threads`.
+
+    Returns
+    -------
+    What they return, in the same order.
+    """
+    threads = min(threads or available_threads(), len(tasks))
+    if threads <= 1:
+        return [task() for task in tasks]
+    with ThreadPoolExecutor(threads) as pool:
+        return [future.result() for future in [pool.submit(task) for task in tasks]]

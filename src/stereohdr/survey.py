@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import reduce
+from functools import partial, reduce
 from typing import Any
 
 import numpy as np
@@ -21,7 +21,7 @@ from stereohdr.disparity.vertical_offset import vertical_offset
 from stereohdr.model import RESPONSE_KNOTS, Disparity, DisparityFlag, Photo, ResponseCurve, StereoPair
 from stereohdr.radiance import clip_to_common_interval, common_luminance, luminance
 from stereohdr.response.parametric import fit_parametric_response, median_code_pairs, mid_rank_pairs
-from stereohdr.strips import run_strips
+from stereohdr.strips import run_strips, run_together
 
 FLAT_GRADIENT = 0.15
 """Only pixels whose log code changes less than this per (reduced) pixel tell about the response: elsewhere a small
@@ -119,7 +119,7 @@ def survey_pair(
     curve, both steps are repeated with it.
     """
     config = config or SurveyConfig()
-    reduced = _reduced_pair(pair, config)
+    reduced = _reduced_pair(pair, config, threads)
     search = _search_range(reduced, max_disparity, config)
     nominal = response or ResponseCurve.srgb(pair.left.channels)
     match = _match(reduced, nominal, search, threads)
@@ -131,7 +131,7 @@ def survey_pair(
             response, residual = _fitted(reduced, match.disparity, fit, threads)
     confirmed = match.disparity.flags == DisparityFlag.MATCHED
     disparities = (0, max_disparity) if max_disparity is not None else _range_found(match, reduced, config, search)
-    offset = _vertical_offset(pair, response or nominal, match, reduced.factor)
+    offset = _vertical_offset(pair, response or nominal, match, reduced.factor, threads)
     return Survey(response, residual, disparities, float(confirmed.mean()), offset)
 
 
@@ -154,21 +154,24 @@ def _over_blocks(operation: np.ufunc, image: NDArray[Any], factor: int) -> NDArr
     return reduce(operation, [rows[:, start::factor] for start in range(factor)])
 
 
-def _vertical_offset(pair: StereoPair, response: ResponseCurve, match: ViewMatch, factor: int) -> float:
+def _vertical_offset(
+    pair: StereoPair, response: ResponseCurve, match: ViewMatch, factor: int, threads: int | None
+) -> float:
     """Measure at full size, at the middle of the reduced pixels whose match is confirmed."""
     reduced_points = np.argwhere(match.disparity.flags == DisparityFlag.MATCHED)
     if len(reduced_points) == 0:
         return 0.0
-    main, auxiliary = common_luminance(pair, response)
+    main, auxiliary = common_luminance(pair, response, threads=threads)
     disparities = match.disparity.values[tuple(reduced_points.T)] * factor
     points = reduced_points * factor + factor // 2
     return vertical_offset(main, auxiliary, points, disparities, uncertainty=factor)
 
 
-def _reduced_pair(pair: StereoPair, config: SurveyConfig) -> _Reduced:
+def _reduced_pair(pair: StereoPair, config: SurveyConfig, threads: int | None) -> _Reduced:
     factor = max(1, math.ceil(pair.left.width / config.width))
     factor = max(1, min(factor, pair.left.height, pair.left.width))
-    codes = [reduced_codes(photo, factor) for photo in (pair.main_photo, pair.auxiliary_photo)]
+    photos = (pair.main_photo, pair.auxiliary_photo)
+    codes = run_together(*(partial(reduced_codes, photo, factor) for photo in photos), threads=threads)
     return _Reduced(codes[0], codes[1], pair.exposures, factor)
 
 
@@ -182,16 +185,20 @@ def _search_range(reduced: _Reduced, max_disparity: int | None, config: SurveyCo
 
 def _match(reduced: _Reduced, response: ResponseCurve, search: tuple[int, int], threads: int | None) -> ViewMatch:
     """Return the match of the main view."""
-    views = []
-    for codes, time in zip((reduced.main, reduced.auxiliary), reduced.exposures, strict=True):
-        radiance = np.empty_like(codes)
-        for c, curve in enumerate(response.log_exposure):
-            knot = np.minimum(codes[..., c].astype(np.intp), RESPONSE_KNOTS - 2)
-            table = np.exp(curve) / time
-            radiance[..., c] = table[knot] + np.diff(table)[knot] * (codes[..., c] - knot)
-        views.append(radiance)
+    views = zip((reduced.main, reduced.auxiliary), reduced.exposures, strict=True)
+    views = run_together(*(partial(_radiance, codes, response, time) for codes, time in views), threads=threads)
     main, auxiliary = clip_to_common_interval(views[0], views[1], response, exposures=reduced.exposures)
     return match_two_ways(luminance(main), luminance(auxiliary), disparities=search, threads=threads)[0]
+
+
+def _radiance(codes: NDArray[np.float32], response: ResponseCurve, time: float) -> NDArray[np.float32]:
+    """Return the radiance of codes in knots, linear between the knots."""
+    radiance = np.empty_like(codes)
+    for c, curve in enumerate(response.log_exposure):
+        knot = np.minimum(codes[..., c].astype(np.intp), RESPONSE_KNOTS - 2)
+        table = np.exp(curve) / time
+        radiance[..., c] = table[knot] + np.diff(table)[knot] * (codes[..., c] - knot)
+    return radiance
 
 
 def _fitted(

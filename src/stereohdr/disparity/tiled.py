@@ -19,7 +19,7 @@ from scipy import ndimage
 
 from stereohdr.config import CensusConfig, SemiGlobalConfig, TwoWayConfig
 from stereohdr.disparity.semiglobal import Bands, Strip, matcher_bytes, strip_bytes
-from stereohdr.disparity.two_way import CodedView, CodeRows, ViewMatch, coded_rows, match_strips
+from stereohdr.disparity.two_way import CodedView, CodeRows, ViewMatch, code_both, match_strips
 from stereohdr.vectors import LANES
 
 MOST_CELLS = 6_000_000_000
@@ -130,10 +130,7 @@ def match_within(
     match = partial(match_strips, disparities=disparities, semiglobal=semiglobal, config=config, threads=threads)
 
     def code(first: int, stop: int) -> tuple[CodedView, CodedView]:
-        of_main, of_auxiliary = (
-            coded_rows(view, first, stop, census=census, threads=threads) for view in (main, auxiliary)
-        )
-        return of_main, of_auxiliary
+        return code_both(main, auxiliary, first, stop, census=census, threads=threads)
 
     strips = _cut(shape[0], _strip_height(shape[0], plan.strips))
     if not plan.coarse_to_fine:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -16,7 +17,7 @@ from stereohdr.disparity import _two_way_kernels as kernels
 from stereohdr.disparity.census import census_transform
 from stereohdr.disparity.semiglobal import Bands, SemiGlobalMatch, Strip, StripMatcher
 from stereohdr.model import Disparity, DisparityFlag
-from stereohdr.strips import available_threads
+from stereohdr.strips import available_threads, run_together
 from stereohdr.warping import main_view_disparity
 
 GUIDE_SIGMA = 0.8
@@ -79,6 +80,21 @@ def coded_rows(
     return CodedView(planes[:, first - top : stop - top], guide)
 
 
+def code_both(
+    main: NDArray[np.float32],
+    auxiliary: NDArray[np.float32],
+    first: int,
+    stop: int,
+    *,
+    census: CensusConfig | None = None,
+    threads: int | None = None,
+) -> tuple[CodedView, CodedView]:
+    """Code the same rows of both views, see `coded_rows`."""
+    views = (partial(coded_rows, view, first, stop, census=census, threads=1) for view in (main, auxiliary))
+    of_main, of_auxiliary = run_together(*views, threads=threads)
+    return of_main, of_auxiliary
+
+
 def match_two_ways(
     main: NDArray[np.float32],
     auxiliary: NDArray[np.float32],
@@ -116,10 +132,7 @@ def match_two_ways(
     """
 
     def code(first: int, stop: int) -> tuple[CodedView, CodedView]:
-        of_main, of_auxiliary = (
-            coded_rows(view, first, stop, census=census, threads=threads) for view in (main, auxiliary)
-        )
-        return of_main, of_auxiliary
+        return code_both(main, auxiliary, first, stop, census=census, threads=threads)
 
     return match_strips(
         code,
@@ -180,8 +193,9 @@ def match_strips(
     for strip in strips:
         views = code(*runs[0].rows_around(strip))
         matches = [run.match(strip, *_as_seen(views, n), scratch=scratch) for n, run in enumerate(runs)]
-        _combine_runs(matches, config, _rows_of(of_main, strip), _rows_of(of_auxiliary, strip))
-    return _filled(of_main), _filled(of_auxiliary)
+        _combine_runs(matches, config, _rows_of(of_main, strip), _rows_of(of_auxiliary, strip), threads)
+    filled = run_together(partial(_filled, of_main), partial(_filled, of_auxiliary), threads=threads)
+    return filled[0], filled[1]
 
 
 def _as_seen(
@@ -207,20 +221,28 @@ def _combine_runs(
     config: TwoWayConfig,
     of_main: ViewMatch,
     of_auxiliary: ViewMatch,
+    threads: int | None,
 ) -> None:
     """Write what one or two runs say of each view; what is not matched is not filled yet."""
     along_main = runs[0]
-    confirmed = confirmed_left_right(*along_main, tolerance=config.tolerance)
+    along_auxiliary = along_main if config.runs == 1 else (_flipped(runs[1][1]), _flipped(runs[1][0]))
+    pairs = [along_main] if config.runs == 1 else [along_main, along_auxiliary]
+    check = partial(confirmed_left_right, tolerance=config.tolerance)
+    confirmed = run_together(*(partial(check, *pair) for pair in pairs), threads=threads)
     if config.runs == 1:
-        along_auxiliary = along_main
-        also = np.zeros_like(confirmed[0]), np.zeros_like(confirmed[0])
-    else:
-        along_auxiliary = _flipped(runs[1][1]), _flipped(runs[1][0])
-        also = confirmed_left_right(*along_auxiliary, tolerance=config.tolerance)
-    main_found = _combine(along_main[0], along_auxiliary[0], confirmed[0], also[0], config, of_main)
-    auxiliary_found = _combine(along_auxiliary[1], along_main[1], also[1], confirmed[1], config, of_auxiliary)
-    kernels.mark(main_found, of_auxiliary.disparity.values, auxiliary_found, 1, of_main.disparity.flags)
-    kernels.mark(auxiliary_found, of_main.disparity.values, main_found, -1, of_auxiliary.disparity.flags)
+        confirmed.append((np.zeros_like(confirmed[0][0]), np.zeros_like(confirmed[0][1])))
+    by_main, by_auxiliary = confirmed
+    main_found, auxiliary_found = run_together(
+        partial(_combine, along_main[0], along_auxiliary[0], by_main[0], by_auxiliary[0], config, of_main),
+        partial(_combine, along_auxiliary[1], along_main[1], by_auxiliary[1], by_main[1], config, of_auxiliary),
+        threads=threads,
+    )
+    main, auxiliary = of_main.disparity, of_auxiliary.disparity
+    run_together(
+        partial(kernels.mark, main_found, auxiliary.values, auxiliary_found, 1, main.flags),
+        partial(kernels.mark, auxiliary_found, main.values, main_found, -1, auxiliary.flags),
+        threads=threads,
+    )
 
 
 def given_match(of_auxiliary: Disparity) -> tuple[ViewMatch, ViewMatch]:

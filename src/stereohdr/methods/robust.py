@@ -7,7 +7,7 @@ of two accordingly.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import reduce
+from functools import partial, reduce
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,7 +42,7 @@ from stereohdr.restoration.highlights import (
 )
 from stereohdr.restoration.shadows import clean_shadows
 from stereohdr.stage_log import StageLog
-from stereohdr.strips import run_strips
+from stereohdr.strips import run_strips, run_together
 from stereohdr.survey import Survey, joint_counts, matched_samples, survey_pair
 from stereohdr.warping import warp_backward
 
@@ -150,7 +150,8 @@ def _fuse_relative(
         valid = _valid_matches(pair, warped, D_m, response, config, threads)
         log.keep(valid=valid)
         if given_response is None and config.toe:
-            response = calibrate_toe(response, _joint_counts(pair, D_m, valid), exposure_ratio=pair.exposure_ratio)
+            counts = _joint_counts(pair, D_m, valid, threads)
+            response = calibrate_toe(response, counts, exposure_ratio=pair.exposure_ratio)
         if given_response is None:
             response = resolve_black(response, pair.main_photo.white)
 
@@ -227,7 +228,7 @@ def _match(
     config: RobustConfig,
     threads: int | None,
 ) -> tuple[ViewMatch, ViewMatch]:
-    main, auxiliary = common_luminance(pair, response)
+    main, auxiliary = common_luminance(pair, response, threads=threads)
     auxiliary = level_rows(auxiliary, level)
     return match_within(
         main,
@@ -338,9 +339,11 @@ def _agrees(
     )
 
 
-def _joint_counts(pair: StereoPair, D_m: Disparity, valid: NDArray[np.bool_]) -> NDArray[np.integer]:
+def _joint_counts(
+    pair: StereoPair, D_m: Disparity, valid: NDArray[np.bool_], threads: int | None
+) -> NDArray[np.integer]:
     """Return how often the knots of the shorter exposure meet those of the longer one, ``(C, 256, 256)``."""
-    main, auxiliary = (_knots(photo) for photo in _photos(pair))
+    main, auxiliary = run_together(*(partial(_knots, photo) for photo in _photos(pair)), threads=threads)
     counts = joint_counts(main, auxiliary, D_m.values, valid, np.ones_like(valid))
     return counts.swapaxes(1, 2) if pair.exposures[1] < pair.exposures[0] else counts
 
