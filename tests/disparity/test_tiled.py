@@ -156,3 +156,16 @@ def test_the_memory_is_as_planned(height, width, count, strips):
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert peak == pytest.approx(planned, rel=0.15)
+
+
+def test_strips_are_no_larger_than_is_fast_and_cover_all_disparities():
+    shape, disparities = (1080, 1920), (0, 255)
+    plan = plan_matching(shape, disparities)
+    assert plan.strips == 3
+    assert not plan.coarse_to_fine
+    whole = plan_matching(shape, disparities, memory=2**40)
+    assert whole == plan
+    huge = plan_matching((4000, 6000), (0, 511))
+    assert huge.strips > 20
+    assert not huge.coarse_to_fine  # nothing asks for less memory than it takes
+    assert plan_matching((4000, 6000), (0, 511), memory=2**32).coarse_to_fine

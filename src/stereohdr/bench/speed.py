@@ -96,7 +96,7 @@ CASES: dict[str, Case] = {
     "small": Case(
         *(695, 555, 120),
         rounds=7,
-        contenders=("hh", "robust", "robust-shadows", "paper", "sgm", "hdrvdp2", "stages", "pandora", "alone"),
+        contenders=("hh", "robust", "sgm", "robust-shadows", "paper", "hdrvdp2", "stages", "pandora", "alone"),
     ),
     "hd": Case(1920, 1080, 256, rounds=5, contenders=("hh", "robust", "robust-shadows")),
     "large": Case(6000, 4000, 512, rounds=1, contenders=("alone",), options={"memory": "4GiB"}),

@@ -9,6 +9,7 @@ image of half the size.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -25,8 +26,8 @@ from stereohdr.vectors import LANES
 MOST_CELLS = 6_000_000_000
 """Pixels times disparities from which on strips try the disparities of bands only: all would take too long."""
 
-LARGEST_STRIP = 2**30
-"""Bytes that a strip takes at most: larger ones are not faster."""
+LARGEST_STRIP = 2**29
+"""Bytes that a strip takes at most: the system takes longer to find more memory than the strips take to match."""
 
 BLOCK = 32
 """Side of the blocks that share a band, pixels; strips begin at blocks."""
@@ -84,18 +85,19 @@ def plan_matching(
 
     Returns
     -------
-    One piece, if that fits. Else as few strips as fit; in bands, if there are more than `MOST_CELLS` pixels times
-    disparities. If nothing fits, what takes the least.
+    As few strips as fit, none larger than `LARGEST_STRIP`. In bands, if one piece would not fit and there are more
+    than `MOST_CELLS` pixels times disparities. If nothing fits, what takes the least.
     """
     height, width = shape
-    plans = [MatchingPlan(1, False, _bytes(shape, disparities, height, runs))]
-    if memory is None or plans[0].bytes <= memory:
-        return plans[0]
-    coarse_to_fine = height * width * (disparities[1] - disparities[0] + 1) > MOST_CELLS
-    for strips in range(2, -(-height // BLOCK) + 1):
+    available = math.inf if memory is None else memory
+    many = height * width * (disparities[1] - disparities[0] + 1) > MOST_CELLS
+    coarse_to_fine = many and _bytes(shape, disparities, height, runs) > available
+    plans = []
+    for strips in range(1, -(-height // BLOCK) + 1):
         rows = _strip_height(height, strips)
-        plans.append(MatchingPlan(strips, coarse_to_fine, _bytes(shape, disparities, rows, runs)))
-        if plans[-1].bytes <= memory and _strip_bytes(rows, width, disparities) <= LARGEST_STRIP:
+        coarse = coarse_to_fine and strips > 1
+        plans.append(MatchingPlan(strips, coarse, _bytes(shape, disparities, rows, runs)))
+        if plans[-1].bytes <= available and _strip_bytes(rows, width, disparities) <= LARGEST_STRIP:
             return plans[-1]
     return min(plans, key=lambda plan: plan.bytes)
 
