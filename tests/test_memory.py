@@ -46,6 +46,12 @@ def test_half_of_the_memory_is_the_limit_unless_it_is_given(monkeypatch):
     assert machine_memory() == 2**30
 
 
+@pytest.mark.parametrize(("has", "limit"), [(2**40, 2**39), (2**30, 2**29), (2**29, 2**29), (2**28, 2**28)])
+def test_a_small_machine_gives_more_than_half(monkeypatch, has, limit):
+    monkeypatch.setattr(memory, "machine_memory", lambda: has)
+    assert memory_limit() == limit
+
+
 def test_this_machine_has_memory():
     assert 2**28 < machine_memory() < 2**50
 
@@ -83,6 +89,12 @@ def test_a_container_sees_its_limit_at_the_top(groups):
 def test_groups_of_the_first_version_count(groups):
     groups("9:cpu,memory:/box\n3:cpuset:/\n", {"memory/box/memory.limit_in_bytes": "2147483648\n"})
     assert machine_memory() == 2 * 2**30
+
+
+def test_a_group_whose_name_is_no_text_is_ignored(groups):
+    groups("", {})
+    memory.OWN_GROUPS.write_bytes(b"0::/\xff\n")
+    assert machine_memory() == 64 * 2**30
 
 
 def test_without_groups_the_machine_counts(groups):

@@ -203,6 +203,14 @@ def test_another_exposure_shares_the_codes():
     assert (photo.exposure_time, photo.iso, photo.f_number) == (0.5, 100, 8)
 
 
+def test_rows_share_the_codes():
+    photo = Photo(np.arange(24, dtype=np.uint8).reshape(4, 6), 0.5, name="x")
+    some = photo.rows(slice(1, 3))
+    assert np.shares_memory(some.codes, photo.codes)
+    np.testing.assert_array_equal(some.codes[..., 0], [range(6, 12), range(12, 18)])
+    assert (some.exposure_time, some.name, photo.height) == (0.5, "x", 4)
+
+
 def test_a_pair_is_made_of_photos():
     with pytest.raises(InputError, match="two Photo objects, got a ndarray"):
         StereoPair(photo(), np.zeros((4, 6, 3)))

@@ -13,11 +13,15 @@ from stereohdr import read_photo, write_hdr
 COMMAND = "from stereohdr.cli import main; main()"
 NOISY = """
 import os, sys
-from stereohdr.quiet import quiet_stderr, silence_libraries
+from stereohdr.quiet import quiet_stderr, quiet_stdout, silence_libraries
 if len(sys.argv) > 1:
     silence_libraries()
-with quiet_stderr():
+before = sys.stdout
+with quiet_stderr(), quiet_stdout():
+    assert (sys.stdout is before) == (len(sys.argv) == 1)
     os.write(2, b"library ")
+    print("library ", end="")
+assert sys.stdout is before
 print("we", file=sys.stderr)
 """
 
@@ -28,7 +32,7 @@ def python(code, *arguments):
 
 
 def test_only_programs_of_our_own_are_silenced():
-    assert python(NOISY) == (0, "", "library we\n")
+    assert python(NOISY) == (0, "library ", "library we\n")
     assert python(NOISY, "own") == (0, "", "we\n")
 
 

@@ -14,9 +14,16 @@ from stereohdr.errors import ConfigError, MemoryLimitError
 DEFAULT_SHARE = 0.5
 """Share of the machine's memory that is used when no limit is given."""
 
+SMALLEST_DEFAULT = 512 * 2**20
+"""Of a machine with little memory more than that share is used, up to this."""
+
 UNITS = {
     "": 1,
     "B": 1,
+    "K": 10**3,
+    "M": 10**6,
+    "G": 10**9,
+    "T": 10**12,
     "KB": 10**3,
     "MB": 10**6,
     "GB": 10**9,
@@ -51,7 +58,8 @@ class Budget:
     limit
         Bytes that the process may take in all.
     held
-        Bytes of these that are taken already and will stay so: the process itself, the photos.
+        Bytes of these that are taken already and will stay so: when given to `fuse`, beside the process itself and
+        the pair; when given to a method, all of them.
     """
 
     limit: int
@@ -121,12 +129,17 @@ def size_text(size: int) -> str:
 def memory_limit(limit: str | float | None = None) -> int:
     """Return the limit in bytes: the given one, or half of what the machine or the container has.
 
+    Of less than 1 GiB, up to 512 MiB.
+
     Raises
     ------
     ConfigError
         See `parse_size`.
     """
-    return int(DEFAULT_SHARE * machine_memory()) if limit is None else parse_size(limit)
+    if limit is not None:
+        return parse_size(limit)
+    memory = machine_memory()
+    return max(int(DEFAULT_SHARE * memory), min(memory, SMALLEST_DEFAULT))
 
 
 def machine_memory() -> int:
@@ -181,7 +194,7 @@ def _group_limits() -> list[int]:
     """Return the limits of the control groups that the process is in, of either version; none elsewhere."""
     try:
         lines = OWN_GROUPS.read_text(encoding="utf-8").splitlines()
-    except OSError:
+    except (OSError, ValueError):
         return []
     limits = []
     for line in lines:

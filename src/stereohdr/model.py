@@ -232,8 +232,16 @@ class Photo:
 
     def with_exposure(self, seconds: float) -> Self:
         """Return this photo with another effective exposure time; the codes are shared, not copied."""
+        return self._altered(exposure_time=seconds, iso=None, f_number=None, full_scale=None)
+
+    def rows(self, rows: slice) -> Self:
+        """Return some rows of this photo; the codes are shared, not copied."""
+        return self._altered(codes=self.codes[rows])
+
+    def _altered(self, **values: Any) -> Self:
+        """Return this photo with other values, which are not checked again."""
         photo = copy(self)
-        for name, value in (("exposure_time", seconds), ("iso", None), ("f_number", None), ("full_scale", None)):
+        for name, value in values.items():
             object.__setattr__(photo, name, value)
         return photo
 

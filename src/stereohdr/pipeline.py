@@ -71,8 +71,7 @@ def fuse(
     memory
         Most memory that the process may take, in bytes or as text such as ``"4GiB"``; a `Budget` also says what
         is taken already, beside the pair. Half of what the machine or the container has by default. Method
-        ``robust`` matches in strips where it must, which changes nothing, and large images with many disparities
-        coarse to fine, which may (``coarse_to_fine`` in `HdrResult.statistics` is then 1).
+        ``robust`` matches in strips to keep to it; it does not change the result.
     progress
         Called with the name of each stage as it starts.
 
@@ -189,7 +188,7 @@ def fuse_other_view(
     config: FuseConfig | None = None,
     *,
     threads: int | None = None,
-    memory: str | float | None = None,
+    memory: str | float | Budget | None = None,
     progress: Progress | None = None,
 ) -> HdrResult:
     """Make the HDR image of the other view, too, with the same method and response.
@@ -214,6 +213,7 @@ def fuse_other_view(
     """
     other = replace(pair, main="right" if pair.main == "left" else "left")
     response = None if pair.known_response is not None else result.response
+    budget = memory if isinstance(memory, Budget) else Budget(memory_limit(memory), 0)
     return fuse(
         other,
         result.method,
@@ -221,7 +221,7 @@ def fuse_other_view(
         response=response,
         checks=False,
         threads=threads,
-        memory=Budget(memory_limit(memory), _result_bytes(result)),
+        memory=replace(budget, held=budget.held + _result_bytes(result)),
         progress=progress,
     )
 
@@ -229,7 +229,7 @@ def fuse_other_view(
 def _budget(memory: str | float | Budget | None, pair: StereoPair) -> Budget:
     """Return the limit, and what is taken before a method begins."""
     budget = memory if isinstance(memory, Budget) else Budget(memory_limit(memory), 0)
-    copies = 2 if pair.main == "right" or pair.known_response is not None else 1
+    copies = 1 + (pair.main == "right") + (pair.known_response is not None)  # in a mirror, white-balanced
     photos = copies * (pair.left.codes.nbytes + pair.right.codes.nbytes)
     return replace(budget, held=PROCESS_BYTES + budget.held + photos)
 

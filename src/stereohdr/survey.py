@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from stereohdr._survey_kernels import count_pairs, flat_rows
 from stereohdr.config import ParametricResponseConfig, SurveyConfig
-from stereohdr.disparity.two_way import ViewMatch, match_two_ways
+from stereohdr.disparity.tiled import MatchingPlan, match_within, plan_matching
+from stereohdr.disparity.two_way import ViewMatch
 from stereohdr.disparity.vertical_offset import vertical_offset
 from stereohdr.model import RESPONSE_KNOTS, Disparity, DisparityFlag, Photo, ResponseCurve, StereoPair
 from stereohdr.radiance import clip_to_common_interval, common_luminance, luminance
@@ -77,6 +78,10 @@ class Survey:
     vertical_offset: float
 
 
+REDUCED_BYTES = 120
+"""Memory per reduced pixel beside the matching, measured."""
+
+
 @dataclass(frozen=True, eq=False)
 class _Reduced:
     """Both views at reduced size, in response knots (0..255)."""
@@ -94,6 +99,7 @@ def survey_pair(
     max_disparity: int | None = None,
     config: SurveyConfig | None = None,
     fit: ParametricResponseConfig | None = None,
+    memory: int | None = None,
     threads: int | None = None,
 ) -> Survey:
     """Match a reduced pair over all plausible disparities and learn what it tells.
@@ -108,6 +114,8 @@ def survey_pair(
         Known largest disparity, pixels of the full image; the range is then 0 to this.
     config, fit
         Settings of the search and of the response.
+    memory
+        Bytes that it may take beside the photos, if it can; does not change the result. None for no limit.
     threads
         Threads to use; does not change the result.
 
@@ -120,19 +128,41 @@ def survey_pair(
     """
     config = config or SurveyConfig()
     reduced = _reduced_pair(pair, config, threads)
-    search = _search_range(reduced, max_disparity, config)
+    search = _search_range(reduced.main.shape[1], reduced.factor, max_disparity, config)
     nominal = response or ResponseCurve.srgb(pair.left.channels)
-    match = _match(reduced, nominal, search, threads)
+    plan = _plan(reduced.main.shape[:2], search, memory)
+    match = _match(reduced, nominal, search, plan, threads)
     residual = math.nan
     if response is None:
         response, residual = _fitted(reduced, match.disparity, fit, threads)
         if response is not None and _differ(response, nominal):
-            match = _match(reduced, response, search, threads)
+            match = _match(reduced, response, search, plan, threads)
             response, residual = _fitted(reduced, match.disparity, fit, threads)
     confirmed = match.disparity.flags == DisparityFlag.MATCHED
     disparities = (0, max_disparity) if max_disparity is not None else _range_found(match, reduced, config, search)
     offset = _vertical_offset(pair, response or nominal, match, reduced.factor, threads)
     return Survey(response, residual, disparities, float(confirmed.mean()), offset)
+
+
+def survey_bytes(
+    pair: StereoPair,
+    *,
+    max_disparity: int | None = None,
+    config: SurveyConfig | None = None,
+    memory: int | None = None,
+) -> int:
+    """Return the memory in bytes that `survey_pair` takes at most, beside the photos."""
+    config = config or SurveyConfig()
+    factor = _factor(pair, config)
+    height, width = pair.left.height // factor, pair.left.width // factor
+    search = _search_range(width, factor, max_disparity, config)
+    return _plan((height, width), search, memory).bytes + REDUCED_BYTES * height * width
+
+
+def _plan(shape: tuple[int, int], search: tuple[int, int], memory: int | None) -> MatchingPlan:
+    """Return how to match, within what the memory leaves for it."""
+    left = None if memory is None else memory - REDUCED_BYTES * shape[0] * shape[1]
+    return plan_matching(shape, search, memory=left)
 
 
 def reduced_codes(photo: Photo, factor: int) -> NDArray[np.float32]:
@@ -167,28 +197,38 @@ def _vertical_offset(
     return vertical_offset(main, auxiliary, points, disparities, uncertainty=factor)
 
 
-def _reduced_pair(pair: StereoPair, config: SurveyConfig, threads: int | None) -> _Reduced:
+def _factor(pair: StereoPair, config: SurveyConfig) -> int:
     factor = max(1, math.ceil(pair.left.width / config.width))
-    factor = max(1, min(factor, pair.left.height, pair.left.width))
+    return max(1, min(factor, pair.left.height, pair.left.width))
+
+
+def _reduced_pair(pair: StereoPair, config: SurveyConfig, threads: int | None) -> _Reduced:
+    factor = _factor(pair, config)
     photos = (pair.main_photo, pair.auxiliary_photo)
     codes = run_together(*(partial(reduced_codes, photo, factor) for photo in photos), threads=threads)
     return _Reduced(codes[0], codes[1], pair.exposures, factor)
 
 
-def _search_range(reduced: _Reduced, max_disparity: int | None, config: SurveyConfig) -> tuple[int, int]:
-    width = reduced.main.shape[1]
+def _search_range(width: int, factor: int, max_disparity: int | None, config: SurveyConfig) -> tuple[int, int]:
+    """Return the disparities to try, in pixels of a pair that is reduced to this width."""
     if max_disparity is not None:
-        return 0, min(width - 1, math.ceil(max_disparity / reduced.factor))
+        return 0, min(width - 1, math.ceil(max_disparity / factor))
     lowest = -min(width - 1, round(config.negative_share * width))
     return lowest, min(width - 1, max(1, round(config.search_share * width)))
 
 
-def _match(reduced: _Reduced, response: ResponseCurve, search: tuple[int, int], threads: int | None) -> ViewMatch:
+def _match(
+    reduced: _Reduced,
+    response: ResponseCurve,
+    search: tuple[int, int],
+    plan: MatchingPlan,
+    threads: int | None,
+) -> ViewMatch:
     """Return the match of the main view."""
     views = zip((reduced.main, reduced.auxiliary), reduced.exposures, strict=True)
     views = run_together(*(partial(_radiance, codes, response, time) for codes, time in views), threads=threads)
     main, auxiliary = clip_to_common_interval(views[0], views[1], response, exposures=reduced.exposures)
-    return match_two_ways(luminance(main), luminance(auxiliary), disparities=search, threads=threads)[0]
+    return match_within(luminance(main), luminance(auxiliary), plan, disparities=search, threads=threads)[0]
 
 
 def _radiance(codes: NDArray[np.float32], response: ResponseCurve, time: float) -> NDArray[np.float32]:

@@ -328,6 +328,9 @@ def test_a_strip_comes_with_the_rows_around_it():
     assert matcher.rows_around((0, 12)) == (0, 12)
     with pytest.raises(InputError, match=r"\(8, 20\) rows and columns"):
         matcher.prepare((4, 8), planes[:, 4:8], planes[:, 4:8], guide[4:8])
+    for strip in ((0, 8), (3, 12)):
+        with pytest.raises(InputError, match=f"rows {strip[0]} to {strip[1]}: prepare"):
+            matcher.match(strip, planes, planes, guide)
 
 
 @pytest.mark.parametrize(

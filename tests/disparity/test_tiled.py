@@ -135,7 +135,8 @@ def test_a_plan_is_the_first_that_fits():
     large = plan_matching((4000, 6000), (0, 511), memory=3 * GIB)
     assert large.coarse_to_fine
     assert large.bytes < 3 * GIB
-    assert not plan_matching((4000, 6000), (0, 511), memory=64 * GIB).coarse_to_fine
+    assert plan_matching((4000, 6000), (0, 511), memory=64 * GIB).coarse_to_fine  # the same on every machine
+    assert not plan_matching((4000, 6000), (0, 200), memory=3 * GIB).coarse_to_fine
 
 
 def test_a_plan_that_fits_nowhere_says_what_the_least_is():
@@ -165,7 +166,4 @@ def test_strips_are_no_larger_than_is_fast_and_cover_all_disparities():
     assert not plan.coarse_to_fine
     whole = plan_matching(shape, disparities, memory=2**40)
     assert whole == plan
-    huge = plan_matching((4000, 6000), (0, 511))
-    assert huge.strips > 20
-    assert not huge.coarse_to_fine  # nothing asks for less memory than it takes
-    assert plan_matching((4000, 6000), (0, 511), memory=2**32).coarse_to_fine
+    assert plan_matching((4000, 6000), (0, 200)).strips > 8

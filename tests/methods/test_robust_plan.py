@@ -1,11 +1,13 @@
 """What method `robust` plans to take, against what it takes."""
 
 import tracemalloc
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from stereohdr import RobustConfig, StereoPair, fuse, fuse_other_view
+from stereohdr.config import SurveyConfig
 from stereohdr.disparity.tiled import plan_matching
 from stereohdr.errors import MemoryLimitError
 from stereohdr.memory import PROCESS_BYTES, Budget, parse_size
@@ -15,6 +17,7 @@ from conftest import make_pair
 
 LONG_SHORT, SHORT_LONG = (0.64, 0.04), (0.02, 0.32)
 MIB = 2**20
+SMALL_SURVEY = RobustConfig(survey=SurveyConfig(width=32))
 
 
 def wall(times, *, height=200, width=240, channels=3):
@@ -51,13 +54,31 @@ def test_the_estimate_holds_and_is_not_far_off(times, channels, main, keep_stage
     assert planned / 1.5 < peak + photos < 1.05 * planned
 
 
+def test_the_survey_counts_where_it_takes_the_most():
+    pair = make_pair(1200, 300)
+    result, peak = traced_peak(pair, config=RobustConfig(max_disparity=None))
+    planned = result.statistics["memory_estimate"] - PROCESS_BYTES
+    photos = pair.left.codes.nbytes + pair.right.codes.nbytes
+    assert planned / 1.5 < peak + photos < 1.05 * planned
+
+
+def test_a_budget_says_what_is_held_when_the_other_view_is_made():
+    pair = wall(LONG_SHORT)
+    result = fuse(pair)
+    less, more = (
+        fuse_other_view(pair, result, memory=Budget(2**40, held)).statistics["memory_estimate"]
+        for held in (0, MIB)
+    )
+    assert more == less + MIB
+
+
 @pytest.mark.parametrize("known", [False, True])
 def test_what_takes_the_most_is_named(known):
     pair = wall(LONG_SHORT)
     clipped = np.zeros((200, 240), dtype=bool)
     disparities = None if known else (0, 100)
     budget = Budget(limit=2**40, held=7)
-    plan, matching = plan_robust(pair, disparities, RobustConfig(), budget, clipped=clipped, keep_stages=False)
+    plan, matching = plan_robust(pair, disparities, SMALL_SURVEY, budget, clipped=clipped, keep_stages=False)
     assert plan.limit == 2**40
     assert plan.stage == ("the result" if known else "matching")
     if known:
@@ -68,7 +89,7 @@ def test_what_takes_the_most_is_named(known):
     clipped[3:50, 20:90] = True  # with the pixels around: 49 rows, 72 columns
     for threads, at_once in ((1, 1), (2, 2), (8, 3)):
         plan, _ = plan_robust(
-            pair, None, RobustConfig(), budget, clipped=clipped, keep_stages=False, threads=threads
+            pair, None, SMALL_SURVEY, budget, clipped=clipped, keep_stages=False, threads=threads
         )
         box = at_once * 49 * (28 * 240 + 72 * 72)
         assert plan.estimate == 7 + max((14 + 23 * 3) * 48_000, (20 + 11 * 3) * 48_000 + box)
@@ -77,7 +98,7 @@ def test_what_takes_the_most_is_named(known):
 @pytest.mark.parametrize("times", [LONG_SHORT, SHORT_LONG])
 def test_a_limit_that_asks_for_strips_changes_no_byte(times):
     pair = wall(times)
-    config = RobustConfig(max_disparity=100)
+    config = replace(SMALL_SURVEY, max_disparity=100)
     whole = fuse(pair, config=config, memory="4GiB")
     assert whole.statistics["matching_strips"] == 1
     limit = int(whole.statistics["memory_estimate"]) - 4 * MIB

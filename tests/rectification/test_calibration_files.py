@@ -260,6 +260,9 @@ def test_sizes_that_make_no_sense(tmp_path):
     path.write_text(path.read_text().replace("[360, 270]", "[360, inf]", 1))
     with pytest.raises(FileFormatError, match=r"a\.toml: the image size 360.0xinf makes no sense"):
         read_calibration(path)
+    path.write_text(path.read_text().replace("[360.0, inf]", "[360]", 1).replace("[360, inf]", "[360]", 1))
+    with pytest.raises(FileFormatError, match=r"a\.toml: the image size must be two numbers"):
+        read_calibration(path)
     path = tmp_path / "a.yaml"
     path.write_text(KALIBR.format(model="radtan", x=-0.1).replace("resolution: [640", "resolution: [.inf", 1))
     with pytest.raises(FileFormatError, match=r"a\.yaml: the image size infx480.0 makes no sense"):

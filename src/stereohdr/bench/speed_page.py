@@ -76,6 +76,11 @@ GOALS = (
 """What the project asks of itself."""
 
 
+def _digits(value: float) -> str:
+    """Return three digits, or all of them before the point."""
+    return f"{value:.0f}" if value >= 1000 else f"{value:.3g}"
+
+
 def goals_table(document: Document) -> str:
     """Return what was measured beside what must be and what would be good, as Markdown."""
     lines = []
@@ -88,7 +93,7 @@ def goals_table(document: Document) -> str:
                 "-" if seconds is None else f"{seconds['processor' if goal.one_thread else 'median']:.3g} s",
                 "-" if seconds is None or goal.one_thread else f"{seconds['least']:.3g} to {seconds['most']:.3g}",
                 "-" if seconds is None else str(seconds["turns"]),
-                "-" if value is None else f"{value:.3g} {goal.unit}",
+                "-" if value is None else f"{_digits(value)} {goal.unit}",
                 f"{goal.must:g} {goal.unit}",
                 "" if goal.aim is None else f"{goal.aim:g} {goal.unit}",
                 "-" if value is None else "missed" if value > goal.must else "yes",

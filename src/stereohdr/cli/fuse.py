@@ -117,7 +117,7 @@ def fuse_command(
         typer.Option(
             metavar="LIMIT",
             help="Most memory to use, such as 4GiB or 800MB; half of the machine's by default. Large photos are "
-            "matched in strips, and very large ones coarse to fine, to keep to it.",
+            "matched in strips to keep to it; the result does not depend on it.",
         ),
     ] = None,
     checks: Annotated[
@@ -176,6 +176,7 @@ def fuse_command(
                 response=curve,
             )
             photos = [rectified.left, rectified.right]
+            originals = originals if unrectify else None  # else not needed any more
         pair = StereoPair(*photos, main=main.value)
         settings = _settings(method, config, max_disparity, rectified)
         if save_stages is not None:
@@ -198,9 +199,8 @@ def fuse_command(
                 else None
             )
         if rectified is not None:
-            before = originals if unrectify else None
-            result = rectified.finished(result, before, response=curve)
-            other_result = other_result and rectified.finished(other_result, before, response=curve)
+            result = rectified.finished(result, originals, response=curve)
+            other_result = other_result and rectified.finished(other_result, originals, response=curve)
         progress("writing")
         from stereohdr import report
         from stereohdr.io import write_hdr

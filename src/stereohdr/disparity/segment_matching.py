@@ -10,10 +10,13 @@ from stereohdr.disparity.aggregation import aggregate_in_segments, winner_takes_
 from stereohdr.disparity.candidates import select_candidates
 from stereohdr.disparity.census import census_transform, similarity_volume
 from stereohdr.model import Disparity, DisparityFlag
-from stereohdr.strips import run_strips
+from stereohdr.strips import available_threads, run_strips
 
 STRIP_BYTES = 64 * 2**20
 """Similarity that one thread holds at a time, in both layouts, as far as `STRIP_ROWS` allows."""
+
+MOST_BYTES = 512 * 2**20
+"""What all threads may hold together; with wide photos and many disparities fewer of them run."""
 
 STRIP_ROWS = (16, 48)
 """Fewest and most rows matched at a time, without the margin."""
@@ -84,6 +87,8 @@ def estimate_disparity(
 
     fewest, most = STRIP_ROWS
     affordable = STRIP_BYTES // (2 * width * (max_disparity + 1)) - 2 * margin
-    run_strips(task, height, strip_rows=min(max(affordable, fewest), most), threads=threads)
+    rows = min(max(affordable, fewest), most)
+    at_once = MOST_BYTES // (2 * width * (max_disparity + 1) * (rows + 2 * margin))
+    run_strips(task, height, strip_rows=rows, threads=max(min(threads or available_threads(), at_once), 1))
     flags = np.where(winner >= 0, DisparityFlag.MATCHED, DisparityFlag.NOT_COMPUTED).astype(np.uint8)
     return Disparity(np.maximum(winner, 0).astype(np.float32), flags)

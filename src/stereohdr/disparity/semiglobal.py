@@ -233,6 +233,8 @@ class StripMatcher:
         -------
         The match of both views, ``(rows of the strip, W)``.
         """
+        if strip[0] % 2 or not (strip[1] == self._shape[0] or strip[1] in self._entering):
+            raise InputError(f"rows {strip[0]} to {strip[1]}: prepare the rows below, and begin at an even row")
         views = self._views(strip, main_planes, auxiliary_planes, guide_main)
         first, stop = (row - views.top for row in strip)
         part = Part(views.top, self._first_cell(strip[0]), True)

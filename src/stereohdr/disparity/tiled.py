@@ -1,10 +1,10 @@
 """Matching of both views within a limit of memory: in one piece, in strips, or coarse to fine.
 
-A cost volume grows with the pixels and with the disparities. Strips of rows hold a part of it at a time; they cost
-half as much work again and change nothing. For large images with many disparities, a first match of a few rows
-tells which disparities occur where, and all the others are left out: these bands are short nearly everywhere. What
-is thin and upright (a pole, a twig) is seen in such rows as well as in the whole image, while it vanishes in an
-image of half the size.
+A cost volume grows with the pixels and with the disparities. Strips of rows hold a part of it at a time; they
+cost up to half of the work again and change nothing. For large images with many disparities, a first match of a
+few rows tells which disparities occur where, and all the others are left out: these bands are short nearly
+everywhere. What is thin and upright (a pole, a twig) is seen in such rows as well as in the whole image, while it
+vanishes in an image of half the size.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from stereohdr.disparity.two_way import CodedView, CodeRows, ViewMatch, code_bot
 from stereohdr.vectors import LANES
 
 MOST_CELLS = 6_000_000_000
-"""Pixels times disparities from which on strips try the disparities of bands only: all would take too long."""
+"""Pixels times disparities from which on only those of bands are tried: all would take too long."""
 
 LARGEST_STRIP = 2**29
 """Bytes that a strip takes at most: the system takes longer to find more memory than the strips take to match."""
@@ -85,18 +85,16 @@ def plan_matching(
 
     Returns
     -------
-    As few strips as fit, none larger than `LARGEST_STRIP`. In bands, if one piece would not fit and there are more
-    than `MOST_CELLS` pixels times disparities. If nothing fits, what takes the least.
+    As few strips as fit, none larger than `LARGEST_STRIP`; if nothing fits, what takes the least. Coarse to fine,
+    if there are more than `MOST_CELLS` pixels times disparities: the memory does not change the result.
     """
     height, width = shape
     available = math.inf if memory is None else memory
-    many = height * width * (disparities[1] - disparities[0] + 1) > MOST_CELLS
-    coarse_to_fine = many and _bytes(shape, disparities, height, runs) > available
+    coarse_to_fine = height * width * (disparities[1] - disparities[0] + 1) > MOST_CELLS
     plans = []
     for strips in range(1, -(-height // BLOCK) + 1):
         rows = _strip_height(height, strips)
-        coarse = coarse_to_fine and strips > 1
-        plans.append(MatchingPlan(strips, coarse, _bytes(shape, disparities, rows, runs)))
+        plans.append(MatchingPlan(strips, coarse_to_fine, _bytes(shape, disparities, rows, runs)))
         if plans[-1].bytes <= available and _strip_bytes(rows, width, disparities) <= LARGEST_STRIP:
             return plans[-1]
     return min(plans, key=lambda plan: plan.bytes)

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, redirect_stdout
-from io import StringIO
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +14,7 @@ from stereohdr.errors import FileFormatError, InputError, StereoHdrWarning
 from stereohdr.io.files import atomic_path
 from stereohdr.io.images import check_size
 from stereohdr.io.metadata import first_bytes
-from stereohdr.quiet import quiet_stderr
+from stereohdr.quiet import quiet_stderr, quiet_stdout
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -184,7 +183,7 @@ def _damage_as_sentence(path: str | Path) -> Iterator[None]:
     try:
         with quiet_stderr():
             yield
-    except FileFormatError:
+    except (FileFormatError, MemoryError):
         raise
     except Exception as error:  # OpenEXR raises RuntimeError, ValueError, ... on damaged files
         reason = " ".join(str(error).split()) or type(error).__name__
@@ -206,7 +205,7 @@ def _read_channels(
             notices.append(f"only the first of its {len(file.parts)} parts was read")
     names = choose(header)
     # Of parts that it cannot decode it prints a remark instead of raising an error, and leaves them out.
-    with redirect_stdout(StringIO()), OpenEXR.File(str(path), separate_channels=True) as file:
+    with quiet_stdout(), OpenEXR.File(str(path), separate_channels=True) as file:
         if not file.parts:
             raise FileFormatError(f"{path}: damaged OpenEXR file (its pixels cannot be decoded); get it again")
         channels = file.parts[0].channels

@@ -108,6 +108,7 @@ def _fuse_relative(
             max_disparity=config.max_disparity,
             config=config.survey,
             fit=config.response,
+            memory=memory.limit - memory.held,
             threads=threads,
         )
         response = survey.response or ResponseCurve.srgb(pair.main_photo.channels)
@@ -281,7 +282,7 @@ def _warp_rows(
     pair: StereoPair, D_m: Disparity, response: ResponseCurve, level: float, config: RobustConfig, rows: slice
 ) -> _Warped:
     strip, height = (rows.start, rows.stop), pair.main_photo.height
-    photo = _rows_of(pair.auxiliary_photo, slice(*rows_behind(strip, level, height)))
+    photo = pair.auxiliary_photo.rows(slice(*rows_behind(strip, level, height)))
     R_a = initial_radiance(photo, response, exposure=pair.exposures[1])
     white = _white(photo, config).astype(np.float32)
     everywhere = Disparity(D_m.values[rows], np.full_like(D_m.flags[rows], DisparityFlag.MATCHED))
@@ -289,10 +290,6 @@ def _warp_rows(
         warp_backward(level_strip(image, level, strip, height), everywhere, threads=1) for image in (R_a, white)
     )
     return _Warped(R_w, inside, white > 0)
-
-
-def _rows_of(photo: Photo, rows: slice) -> Photo:
-    return replace(photo, codes=photo.codes[rows])
 
 
 def _white(photo: Photo, config: RobustConfig) -> NDArray[np.bool_]:
@@ -329,7 +326,7 @@ def _agrees(
 ) -> NDArray[np.bool_]:
     """Return whether what was warped to some rows can be what the main view saw."""
     return agrees_with_main(
-        _rows_of(pair.main_photo, rows),
+        pair.main_photo.rows(rows),
         warped.radiance,
         warped.inside[..., None] & ~warped.white,
         response,
@@ -377,7 +374,7 @@ def _restore_highlights(
     def begin(start: int, stop: int) -> None:
         rows = slice(start, stop)
         unseen[rows] = valid[rows] & _any_channel(clipped[rows] & warped.white[rows])
-        np.log(initial_radiance(_rows_of(pair.main_photo, rows), response, exposure=1.0), out=R[rows])
+        np.log(initial_radiance(pair.main_photo.rows(rows), response, exposure=1.0), out=R[rows])
 
     run_strips(begin, len(R), strip_rows=STRIP_ROWS, threads=threads)
     restore_logarithms(R, clipped, evidence, config=config.highlights, threads=threads)
@@ -385,7 +382,7 @@ def _restore_highlights(
 
     def finish(start: int, stop: int) -> None:
         rows = slice(start, stop)
-        R_m = initial_radiance(_rows_of(pair.main_photo, rows), response, exposure=1.0)
+        R_m = initial_radiance(pair.main_photo.rows(rows), response, exposure=1.0)
         risen = R[rows] > np.log(R_m) + np.float32(0.5 * SMALLEST_RISE)
         changed[rows] = _any_channel(risen)
         R_m[risen] = np.exp(R[rows][risen])

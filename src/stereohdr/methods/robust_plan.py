@@ -17,6 +17,7 @@ from stereohdr.memory import Budget, MemoryPlan
 from stereohdr.model import StereoPair
 from stereohdr.restoration.highlights import SIDE_BY_SIDE_PIXELS
 from stereohdr.strips import available_threads
+from stereohdr.survey import survey_bytes
 
 LUMINANCE = 8.0
 """What is matched, both views."""
@@ -56,12 +57,14 @@ def plan_robust(
     The plan of the whole, which may be above the limit, and that of the matching.
     """
     pixels, channels = clipped.size, pair.main_photo.channels
+    left = budget.limit - budget.held
     matching = MatchingPlan(1, False, 0)
     if disparities is not None:
-        most = budget.limit - budget.held - math.ceil(LUMINANCE * pixels)
+        most = left - math.ceil(LUMINANCE * pixels)
         matching = plan_matching(clipped.shape, disparities, memory=most, runs=config.two_way.runs)
     kept = 5 + 14 * channels if keep_stages else 0
     stages = {
+        "the survey": survey_bytes(pair, max_disparity=config.max_disparity, config=config.survey, memory=left),
         "matching": LUMINANCE * pixels + matching.bytes,
         "the response": (17 + 14 * channels) * pixels,
         "the result": (14 + 23 * channels + kept) * pixels,

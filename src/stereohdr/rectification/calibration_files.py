@@ -338,8 +338,10 @@ def _size(document: Mapping[str, Any]) -> tuple[int, int] | None:
     height = _first(document, "imageheight", "height", otherwise=None)
     if width is None or height is None:
         both = _first(document, "imagesize", "size", "resolution", otherwise=None)
-        if both is None or np.size(both) != 2:
+        if both is None:
             return None
+        if np.size(both) != 2:
+            raise InputError("the image size must be two numbers, width and height")
         width, height = np.ravel(both)
     sides = float(width), float(height)
     if not all(math.isfinite(side) and side >= 1 for side in sides):
