@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple
@@ -17,7 +16,7 @@ from stereohdr.disparity import _two_way_kernels as kernels
 from stereohdr.disparity.census import census_transform
 from stereohdr.disparity.semiglobal import Bands, SemiGlobalMatch, Strip, StripMatcher
 from stereohdr.model import Disparity, DisparityFlag
-from stereohdr.strips import available_threads, run_together
+from stereohdr.strips import run_together
 from stereohdr.warping import main_view_disparity
 
 GUIDE_SIGMA = 0.8
@@ -180,10 +179,8 @@ def match_strips(
     ]
     for strip in strips[:0:-1]:
         views = code(*runs[0].rows_around(strip))
-        with ThreadPoolExecutor(min(threads or available_threads(), config.runs)) as pool:
-            tasks = [pool.submit(run.prepare, strip, *_as_seen(views, n)) for n, run in enumerate(runs)]
-            for task in tasks:
-                task.result()
+        tasks = (partial(run.prepare, strip, *_as_seen(views, n)) for n, run in enumerate(runs))
+        run_together(*tasks, threads=threads)
 
     of_main, of_auxiliary = (
         ViewMatch(Disparity(np.empty(shape, np.float32), np.empty(shape, np.uint8)), np.empty(shape, np.float32))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 
 import numpy as np
@@ -16,7 +15,7 @@ from stereohdr.response import estimate_response
 from stereohdr.restoration import edge_preserving_filter, fill_holes, poisson_edit, reject_uncertain
 from stereohdr.segmentation import auxiliary_interest, main_interest, segment_photo
 from stereohdr.stage_log import StageLog
-from stereohdr.strips import available_threads
+from stereohdr.strips import run_together
 from stereohdr.warping import warp_forward
 
 
@@ -49,8 +48,8 @@ def fuse_paper(
 
     with log.stage("segmentation"):  # G_m, G_a
         segment = partial(segment_photo, lattice=config.lattice, merging=config.merging)
-        with ThreadPoolExecutor(min(threads or available_threads(), 2)) as pool:
-            (G_m, cells_m), (G_a, cells_a) = pool.map(segment, (main, auxiliary))
+        segmented = run_together(partial(segment, main), partial(segment, auxiliary), threads=threads)
+        (G_m, cells_m), (G_a, cells_a) = segmented
         log.keep(main_superpixels=cells_m, auxiliary_superpixels=cells_a)
         log.keep(main_segments=G_m, auxiliary_segments=G_a)
 

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import reduce
+from functools import partial, reduce
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +12,7 @@ from stereohdr.config import HighlightsConfig
 from stereohdr.restoration import _highlights_kernels as kernels
 from stereohdr.restoration._highlights_kernels import Terms, Views, Weights
 from stereohdr.restoration.screened_poisson import solve_screened_poisson
-from stereohdr.strips import available_threads, run_strips
+from stereohdr.strips import available_threads, run_strips, run_together
 
 DISTANCE_CLASSES = (2.5, 5.5, 12.5, 25.5)
 """Distances from the rim of a clipped area, pixels, that separate the classes of the prior."""
@@ -156,8 +155,7 @@ def restore_logarithms(
             # The other channels look at this one only where it is not clipped.
             log_main[rows][..., c][risen] = u[risen]
 
-    with ThreadPoolExecutor(at_once) as pool:
-        list(pool.map(restore, range(log_main.shape[2])))
+    run_together(*(partial(restore, c) for c in range(log_main.shape[2])), threads=at_once)
 
 
 def _solved(views: Views, channel: int, config: HighlightsConfig, threads: int | None) -> NDArray[np.float32]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from typing import cast
 
 import numpy as np
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from stereohdr.restoration.screened_poisson import solve_screened_poisson
-from stereohdr.strips import available_threads
+from stereohdr.strips import run_together
 
 ACCURACY = 3e-8
 """Error of the membrane relative to the largest difference at the boundary: about what float32 can tell."""
@@ -77,9 +77,7 @@ def poisson_edit(
         )
         edited[unknown, channel] = main[unknown, channel] + membrane[unknown]
 
-    channels = main.shape[2]
-    with ThreadPoolExecutor(min(threads or available_threads(), channels)) as pool:
-        list(pool.map(edit, range(channels)))
+    run_together(*(partial(edit, c) for c in range(main.shape[2])), threads=threads)
     return edited, unbounded
 
 
