@@ -1,10 +1,11 @@
 import pytest
 
+from stereohdr.bench import runner
 from stereohdr.bench.rows import Row
-from stereohdr.bench.runner import Results, markdown_table, row_key, run_rows
+from stereohdr.bench.runner import Results, compute_row, markdown_table, row_key, run_rows
 from stereohdr.bench.tables import published_table, quality_table
 from stereohdr.bench.write_up import compare, results_page
-from stereohdr.errors import FileFormatError
+from stereohdr.errors import FileFormatError, InputError
 from stereohdr.metrics.protocol import Protocol
 
 
@@ -24,6 +25,15 @@ def test_finished_rows_survive_in_their_file(tmp_path):
     path.write_text(whole + "{broken\n")
     with pytest.raises(FileFormatError, match="line 3 is not a finished row"):
         Results(path)
+
+
+def test_an_error_names_files_within_the_data(tmp_path, monkeypatch):
+    def refuse(scene, data):
+        raise InputError(f"{data / 'rig' / 'left.png'}: hardly anything matches")
+
+    monkeypatch.setattr(runner, "load_scene", refuse)
+    row = compute_row(tmp_path, "R6", "paper", Protocol(), 1, None)
+    assert row.error.replace("\\", "/") == "rig/left.png: hardly anything matches"
 
 
 def test_a_key_changes_with_everything_that_changes_a_row():

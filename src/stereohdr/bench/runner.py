@@ -74,7 +74,10 @@ def compute_row(
     try:
         return score(load_scene(scene, data), label, protocol=protocol, threads=threads, pictures=pictures)
     except StereoHdrError as error:
-        return Row(scene, label, error=str(error))
+        message = str(error)
+        if data is not None:  # a page of results does not tell where the data are
+            message = message.replace(os.path.join(data, ""), "")
+        return Row(scene, label, error=message)
 
 
 def run_rows(
