@@ -128,9 +128,7 @@ def match_within(
     """
     shape = main.shape
     match = partial(match_strips, disparities=disparities, semiglobal=semiglobal, config=config, threads=threads)
-
-    def code(first: int, stop: int) -> tuple[CodedView, CodedView]:
-        return code_both(main, auxiliary, first, stop, census=census, threads=threads)
+    code = partial(code_both, main, auxiliary, census=census, threads=threads)
 
     strips = _cut(shape[0], _strip_height(shape[0], plan.strips))
     if not plan.coarse_to_fine:

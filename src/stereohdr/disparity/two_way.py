@@ -130,9 +130,7 @@ def match_two_ways(
         one is confirmed, times how clearly the winner beats other depths; 0 where the value is borrowed.
     """
 
-    def code(first: int, stop: int) -> tuple[CodedView, CodedView]:
-        return code_both(main, auxiliary, first, stop, census=census, threads=threads)
-
+    code = partial(code_both, main, auxiliary, census=census, threads=threads)
     return match_strips(
         code,
         main.shape,
