@@ -10,6 +10,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
+from stereohdr.memory import machine_memory
 from stereohdr.strips import available_threads
 
 PACKAGES = ("stereohdr", "numpy", "scipy", "numba", "opencv-python-headless", "opencv-python", "pandora")
@@ -23,12 +24,11 @@ def describe_machine() -> dict[str, Any]:
             versions[package] = version(package)
         except PackageNotFoundError:
             continue
-    memory = _memory_bytes()
     load = os.getloadavg()[0] if hasattr(os, "getloadavg") else None
     return {
         "processor": _processor(),
         "cores": available_threads(),
-        "memory_gib": None if memory is None else round(memory / 2**30, 1),
+        "memory_gib": round(machine_memory() / 2**30, 1),
         "system": f"{platform.system()} {platform.machine()}",
         "versions": versions,
         "load_before": load,
@@ -50,19 +50,11 @@ def _processor() -> str:
     return (names[0] if names else platform.processor() or platform.machine()) + vectors
 
 
-def _memory_bytes() -> int | None:
-    try:
-        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    except (AttributeError, ValueError, OSError):  # Windows
-        return None
-
-
 def limit_memory(share: float) -> None:
     """Have this process run out of memory at a share of what the machine has; does nothing where it cannot."""
-    total = _memory_bytes()
     try:
         import resource
     except ImportError:  # Windows
         return
-    if total is not None and hasattr(resource, "RLIMIT_AS"):
-        resource.setrlimit(resource.RLIMIT_AS, (int(share * total), resource.RLIM_INFINITY))
+    if hasattr(resource, "RLIMIT_AS"):
+        resource.setrlimit(resource.RLIMIT_AS, (int(share * machine_memory()), resource.RLIM_INFINITY))

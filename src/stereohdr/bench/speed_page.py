@@ -161,11 +161,11 @@ def machine_text(document: Document) -> str:
     """Return a sentence about the machine."""
     machine = document["machine"]
     versions = ", ".join(f"{name} {version}" for name, version in machine["versions"].items())
-    memory = f", {machine['memory_gib']:g} GiB" if machine["memory_gib"] else ""
     load = "" if machine["load_before"] is None else f" Load average before the run: {machine['load_before']:.2f}."
     return (
-        f"{machine['processor']}, {machine['cores']} cores{memory}, {machine['system']}; {versions}. Two threads "
-        f"copy memory at {document['copy_gb_per_s']:.1f} GB/s (read and written bytes together).{load}"
+        f"{machine['processor']}, {machine['cores']} cores, {machine['memory_gib']:g} GiB, {machine['system']}; "
+        f"{versions}. Two threads copy memory at {document['copy_gb_per_s']:.1f} GB/s (read and written bytes "
+        f"together).{load}"
     )
 
 
